@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspless_pin.compiled import core
-from graspless_pin.holding.dynamics import Dynamics, leaks
+from graspless_pin.holding.dynamics import Dynamics, leak_powers
 from graspless_pin.holding.least_squares import least_squares
 from graspless_pin.holding.patches import Patch, PatchSlip
 from graspless_pin.holding.verdict import ContactState, DualBound
@@ -124,7 +124,7 @@ class States:
         widths[contacts] = np.where(free, patch.arcs[:, 1], widths[contacts])
         if patch.cone is None:
             # Where those do not slip that tell the motion, none does.
-            sticks[contacts[patch.telling :]] = True
+            sticks[contacts[patch.determining_count :]] = True
             own = self.are(ContactState.STICKING)[contacts]
             slips[contacts] = np.where(own, slips[contacts], np.maximum(slips[contacts], most))
         others = (*(one for one in self.patches if one.contacts != patch.contacts), patch)
@@ -132,19 +132,19 @@ class States:
             self, center=centers, half_width=widths, sticks=sticks, slips=slips, patches=others
         )
 
-    def known(self, patch: Patch) -> PatchSlip | None:
+    def patch_slip(self, patch: Patch) -> PatchSlip | None:
         """Return what is known of a patch; None: nothing."""
         return next((one for one in self.patches if one.contacts == patch.contacts), None)
 
     @cached_property
-    def stuck(self) -> NDArray[np.bool_]:
+    def does_not_slip(self) -> NDArray[np.bool_]:
         """(M,) contacts that do not slip, open ones of such patches among them."""
         return self.are(ContactState.STICKING) | (self.half_width < 0.0)
 
     @cached_property
     def arcs(self) -> tuple[FloatArray, FloatArray]:
         """Middle and half width (M,) of the directions of slip, rad."""
-        return self.center, np.where(self.stuck, np.pi, self.half_width)
+        return self.center, np.where(self.does_not_slip, np.pi, self.half_width)
 
     @cached_property
     def undecided(self) -> NDArray[np.bool_]:
@@ -154,7 +154,7 @@ class States:
 
     def are(self, *kinds: ContactState) -> NDArray[np.bool_]:
         """Return which contacts are in one of these states."""
-        return _among(kinds)[self.numbers]
+        return _state_mask(kinds)[self.numbers]
 
     @cached_property
     def numbers(self) -> NDArray[np.intp]:
@@ -163,7 +163,7 @@ class States:
 
 
 @cache
-def _among(kinds: tuple[ContactState, ...]) -> NDArray[np.bool_]:
+def _state_mask(kinds: tuple[ContactState, ...]) -> NDArray[np.bool_]:
     """Return which of all `ContactState` are some kinds."""
     return np.array([state in kinds for state in ContactState])
 
@@ -175,13 +175,13 @@ def least_along(vectors: FloatArray, center: FloatArray, half_width: FloatArray)
 
 def least_direction(vectors: FloatArray, center: FloatArray, half_width: FloatArray) -> FloatArray:
     """Return the unit vector of each arc that has the smallest product with its vector, (M, 2)."""
-    opposite = np.arctan2(-vectors[:, 1], -vectors[:, 0]) - center
-    opposite = (opposite + np.pi) % (2.0 * np.pi) - np.pi
-    angle = center + np.clip(opposite, -half_width, half_width)
+    opposite_angle = np.arctan2(-vectors[:, 1], -vectors[:, 0]) - center
+    opposite_angle = (opposite_angle + np.pi) % (2.0 * np.pi) - np.pi
+    angle = center + np.clip(opposite_angle, -half_width, half_width)
     return np.column_stack([np.cos(angle), np.sin(angle)])
 
 
-def repaired(
+def repaired_multipliers(
     dynamics: Dynamics, states: States, dual: DualBound, goal: tuple[FloatArray, FloatArray]
 ) -> DualBound:
     """Return multipliers of which rounding does not say that large forces pay.
@@ -216,7 +216,7 @@ def fixed_rows(dynamics: Dynamics, states: States) -> FloatArray:
     Rows that depend on others are left out: what was proven from these is known to a tolerance
     only, and proofs from proofs would make it grow.
     """
-    rows, (closed, sticking) = dynamics.rows, _fixed(dynamics, states)
+    rows, (closed, sticking) = dynamics.rows, _fixed_contacts(dynamics, states)
     return np.vstack([rows[closed, 0], rows[sticking, 1:].reshape(-1, rows.shape[2])])
 
 
@@ -236,16 +236,18 @@ def kinematic_dual(
     if weights is None:
         weights = np.zeros(len(fixed))
     nu, kappa = normal.copy(), np.zeros((len(normal), 2))
-    closed, sticking = _fixed(dynamics, states)
+    closed, sticking = _fixed_contacts(dynamics, states)
     nu[closed] += weights[: closed.sum()]
     kappa[sticking] = weights[closed.sum() :].reshape(-1, 2)
     return DualBound(np.zeros(len(goal)), nu, kappa)
 
 
-def _fixed(dynamics: Dynamics, states: States) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+def _fixed_contacts(
+    dynamics: Dynamics, states: States
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Return which contacts (M,) stay closed and which stick, whatever others do."""
     closed = states.are(ContactState.CLOSED, ContactState.STICKING, ContactState.SLIPPING)
-    return closed & ~dynamics.is_commanded & ~states.closes, states.stuck & ~states.sticks
+    return closed & ~dynamics.is_commanded & ~states.closes, states.does_not_slip & ~states.sticks
 
 
 def closing_tolerance(dynamics: Dynamics) -> float:
@@ -265,7 +267,9 @@ def allowed_normals(dynamics: Dynamics, states: States, normal: FloatArray) -> F
     return np.where(dynamics.is_commanded, 0.0, allowed)
 
 
-def slack(states: States, normal: FloatArray, tangential: FloatArray, least: float = 0.0) -> float:
+def closing_slack(
+    states: States, normal: FloatArray, tangential: FloatArray, least: float = 0.0
+) -> float:
     """Return what closed contacts make by parting, and sticking ones by slipping, all the same.
 
     Args:
@@ -275,7 +279,7 @@ def slack(states: States, normal: FloatArray, tangential: FloatArray, least: flo
         least: Scaled accelerations that each of them has at least.
     """
     parting = np.maximum(-normal, 0.0) @ np.maximum(states.parts, least)
-    slipping = np.where(states.stuck, np.maximum(states.slips, least), 0.0)
+    slipping = np.where(states.does_not_slip, np.maximum(states.slips, least), 0.0)
     return float(parting + slipping @ np.hypot(*tangential.T))
 
 
@@ -305,7 +309,7 @@ def outcome_bound(
     """
     p, q = goal
     mu, commanded = dynamics.friction, dynamics.is_commanded
-    opened, sticking = states.are(ContactState.OPEN), states.stuck
+    opened, sticking = states.are(ContactState.OPEN), states.does_not_slip
     normal, rows = allowed_normals(dynamics, states, dual.normal), dynamics.rows
     # Contact forces.
     per_newton = newton_gains(dynamics, states, q + rows @ dual.motion)
@@ -313,7 +317,7 @@ def outcome_bound(
     high = np.where(commanded, dynamics.commanded, force_limit)
     forces = np.where(opened, 0.0, per_newton * np.where(per_newton > 0.0, high, low)).sum()
     bound = float(dual.motion @ dynamics.load) + float(forces)
-    bound += slack(states, normal, dual.tangential, closing_tolerance(dynamics))
+    bound += closing_slack(states, normal, dual.tangential, closing_tolerance(dynamics))
     # The load along its spread that helps most.
     rise = float(dual.motion @ dynamics.spread + per_newton @ dynamics.commanded_spread)
     bound += max(rise, 0.0)
@@ -323,11 +327,11 @@ def outcome_bound(
     power = mu * np.where(opened, 0.0, low + np.minimum(dynamics.commanded_spread, 0.0))
     longest = wrong * np.linalg.norm(rows[:, 1:], axis=(1, 2))
     bound += float((v + dual.motion) @ dynamics.aside)
-    leak = force_limit * float(leaks(dynamics, dynamics.aside)[~opened].sum())
-    return bound + _least_sum(wrong, power, longest, v, dynamics.load, leak)
+    leak = force_limit * float(leak_powers(dynamics, dynamics.aside)[~opened].sum())
+    return bound + _least_over_beta(wrong, power, longest, v, dynamics.load, leak)
 
 
-def _least_sum(
+def _least_over_beta(
     wrong: FloatArray,
     power: FloatArray,
     longest: FloatArray,
@@ -371,7 +375,7 @@ class OutcomeBounds:
             self._compiled = core.Bounds(
                 dynamics.rows, dynamics.load, dynamics.friction, dynamics.commanded,
                 dynamics.spread, dynamics.commanded_spread, loads, closing_tolerance(dynamics),
-                force_limit, dynamics.aside, leaks(dynamics, dynamics.aside),
+                force_limit, dynamics.aside, leak_powers(dynamics, dynamics.aside),
             )  # fmt: skip
 
     def bound(self, states: States, dual: DualBound, goal: tuple[FloatArray, FloatArray]) -> float:
@@ -395,7 +399,7 @@ class OutcomeBounds:
         self._tangentials[place] = dual.tangential
         self._proven.append(dual)
 
-    def changed(self, dynamics: Dynamics, loads: FloatArray) -> OutcomeBounds:
+    def for_dynamics(self, dynamics: Dynamics, loads: FloatArray) -> OutcomeBounds:
         """Return the same of other dynamics and loads: what is remembered is tried there, too."""
         bounds = OutcomeBounds(dynamics, loads, self._force_limit)
         for dual in self._proven:

@@ -19,15 +19,15 @@ from graspless_pin.holding.bounds import (
     PATCH_TOLERANCE,
     RANK,
     States,
+    closing_slack,
     closing_tolerance,
     fixed_rows,
     kinematic_dual,
-    slack,
 )
 from graspless_pin.holding.dynamics import Dynamics
 from graspless_pin.holding.least_squares import nonnegative_squares
 from graspless_pin.holding.patches import Patch, PatchSlip, find_patches
-from graspless_pin.holding.relaxation import Relaxation, Relaxed
+from graspless_pin.holding.relaxation import Relaxation, RelaxationPoint
 from graspless_pin.holding.unstable_motion import coulomb_gaps, polish, settled_motion
 from graspless_pin.holding.verdict import ContactState, DualBound, LoadProof, OutcomeSet, SlipRange
 from graspless_pin.problem.checks import FloatArray
@@ -35,7 +35,7 @@ from graspless_pin.tree_search import TreeSearch
 
 
 @dataclass(frozen=True, eq=False)
-class Forced:
+class ForcedContact:
     """A contact that can only be in one state.
 
     Attributes:
@@ -53,7 +53,7 @@ class Forced:
     most: float
 
 
-def forced_state(dynamics: Dynamics, states: States) -> Forced | None:
+def forced_state(dynamics: Dynamics, states: States) -> ForcedContact | None:
     """Return one contact whose state follows from the others', None where there is none.
 
     An open or a slipping contact may part or slip by the closing tolerance at most, since that is
@@ -82,29 +82,31 @@ def forced_state(dynamics: Dynamics, states: States) -> Forced | None:
             weights[parting[others]] = shares
             goal = rows[contact, 0] + weights @ rows[:, 0]
             dual = kinematic_dual(dynamics, states, goal, weights)
-            most = _proven(dynamics, states, dual, rows[contact, 0])
+            most = _row_bound(dynamics, states, dual, rows[contact, 0])
             if most <= enough[contact]:
-                return Forced(int(contact), ContactState.CLOSED, (dual,), not shares.any(), most)
-    slipping = states.are(ContactState.CLOSED, ContactState.SLIPPING) & ~states.stuck
+                return ForcedContact(
+                    int(contact), ContactState.CLOSED, (dual,), not shares.any(), most
+                )
+    slipping = states.are(ContactState.CLOSED, ContactState.SLIPPING) & ~states.does_not_slip
     for contact in np.flatnonzero(slipping):
         if np.linalg.norm(rows[contact, 1:] @ still) <= tolerance:
             none = np.zeros(len(rows))
             duals = [kinematic_dual(dynamics, states, row, none) for row in rows[contact, 1:]]
-            first, second = map(partial(_proven, dynamics, states), duals, rows[contact, 1:])
+            first, second = map(partial(_row_bound, dynamics, states), duals, rows[contact, 1:])
             most = float(np.hypot(first, second))
             if most <= enough[contact]:
                 sticking = ContactState.STICKING
-                return Forced(int(contact), sticking, tuple(duals), depends=True, most=most)
+                return ForcedContact(int(contact), sticking, tuple(duals), depends=True, most=most)
     return None
 
 
-def _proven(dynamics: Dynamics, states: States, dual: DualBound, row: FloatArray) -> float:
+def _row_bound(dynamics: Dynamics, states: States, dual: DualBound, row: FloatArray) -> float:
     """Return what multipliers prove of a row; inf where they leave more of it than rounding."""
     rows, tolerance = dynamics.rows, closing_tolerance(dynamics)
     residual = row + dual.normal @ rows[:, 0] + np.einsum("li,lin->n", dual.tangential, rows[:, 1:])
     size = float(np.linalg.norm(residual))
     # Either way: a sticking contact may slip to both sides.
-    both = max(slack(states, sign * dual.normal, dual.tangential) for sign in (1.0, -1.0))
+    both = max(closing_slack(states, sign * dual.normal, dual.tangential) for sign in (1.0, -1.0))
     return size + both if size <= tolerance else np.inf
 
 
@@ -165,14 +167,14 @@ class UnprovenSet:
             return ContactState.STICKING if self.patch.cone is None else ContactState.SLIPPING
         return ContactState.FREE if self.contact < 0 else self.states.state[self.contact]
 
-    def taken(self) -> Relaxation:
+    def pop_relaxation(self) -> Relaxation:
         """Return the relaxation, which is not kept any longer: trees have thousands of nodes."""
         relaxation, self.relaxation = self.relaxation, None
         if relaxation is None:
             raise RuntimeError("a set of outcomes is looked at once")
         return relaxation
 
-    def take_over(self, most: float, relaxation: Relaxation, enough: float) -> bool:
+    def take_over_slack(self, most: float, relaxation: Relaxation, enough: float) -> bool:
         """Have the contact part or slip by so much; return whether the set is looked at anew.
 
         Args:
@@ -189,13 +191,13 @@ class UnprovenSet:
             self.relaxation, self.children, self.dual, self.loads = relaxation, [], None, ()
         return again
 
-    def finished(self) -> OutcomeSet:
+    def proof_node(self) -> OutcomeSet:
         """Return the node of the proof."""
         slip = None
         if self.patch is None and self.state is ContactState.SLIPPING:
             states, contact = self.states, self.contact
             slip = SlipRange(float(states.center[contact]), float(states.half_width[contact]))
-        children = tuple(child.finished() for child in self.children)
+        children = tuple(child.proof_node() for child in self.children)
         return OutcomeSet(
             self.contact, self.state, slip, children, self.dual, self.forced, self.loads,
             tuple(self.sides), self.patch,
@@ -203,7 +205,7 @@ class UnprovenSet:
 
 
 @dataclass(frozen=True, eq=False)
-class Searched:
+class SearchResult:
     """How far a search through all sets of outcomes came.
 
     Attributes:
@@ -225,7 +227,9 @@ class Searched:
     resisting: tuple[ContactState, ...] = ()
 
 
-def branch(dynamics: Dynamics, relaxation: Relaxation, is_over: Callable[[int], bool]) -> Searched:
+def branch(
+    dynamics: Dynamics, relaxation: Relaxation, is_over: Callable[[int], bool]
+) -> SearchResult:
     """Prove that nothing moves, or find what does.
 
     Args:
@@ -241,15 +245,15 @@ def branch(dynamics: Dynamics, relaxation: Relaxation, is_over: Callable[[int], 
     for _, node in search:
         if is_over(nodes):
             open_count = 1 + len(search) + given_up
-            return Searched(None, None, nodes, open_count, relaxation.programs)
+            return SearchResult(None, None, nodes, open_count, relaxation.programs)
         if not node.is_closed:
-            node, is_covered, again = _closed(dynamics, node)
+            node, is_covered, again = _add_forced_states(dynamics, node)
             search.add(again)
             if is_covered:
                 continue
-        relaxation = node.taken().without_free_joints(node.states.are(ContactState.OPEN))
+        relaxation = node.pop_relaxation().without_free_joints(node.states.are(ContactState.OPEN))
         goal, aside = (relaxation.dynamics.load, nothing), relaxation.dynamics.aside
-        threshold = relaxation.enough(node.states)
+        threshold = relaxation.proof_threshold(node.states)
         node.dual = relaxation.bounds.proving(node.states, goal[0], threshold)
         if node.dual is not None:
             continue
@@ -270,16 +274,18 @@ def branch(dynamics: Dynamics, relaxation: Relaxation, is_over: Callable[[int], 
             if motion is None and nodes % _SWEPT == 0:
                 motion = settled_motion(dynamics, forces)
             if motion is not None:
-                return Searched(None, motion, nodes, len(search), relaxation.programs)
-        node.children = _children(dynamics, node, relaxation, y, forces, patches)
+                return SearchResult(None, motion, nodes, len(search), relaxation.programs)
+        node.children = _split_set(dynamics, node, relaxation, y, forces, patches)
         if not node.children:
             given_up += 1
         search.add(reversed(node.children))
-    tree = None if given_up else root.finished()
-    return Searched(tree, None, nodes, given_up, relaxation.programs)
+    tree = None if given_up else root.proof_node()
+    return SearchResult(tree, None, nodes, given_up, relaxation.programs)
 
 
-def _closed(dynamics: Dynamics, node: UnprovenSet) -> tuple[UnprovenSet, bool, list[UnprovenSet]]:
+def _add_forced_states(
+    dynamics: Dynamics, node: UnprovenSet
+) -> tuple[UnprovenSet, bool, list[UnprovenSet]]:
     """Add what kinematics force.
 
     Outcomes in which an open contact does not part are among those in which it is closed, and a
@@ -292,17 +298,19 @@ def _closed(dynamics: Dynamics, node: UnprovenSet) -> tuple[UnprovenSet, bool, l
         contact, state = forced.contact, forced.state
         known = node.states.state[contact]
         states = node.states.changed(contact, state, depends=forced.depends, most=forced.most)
-        child = UnprovenSet(contact, states, node.taken(), forced.duals, siblings=node.siblings)
+        child = UnprovenSet(
+            contact, states, node.pop_relaxation(), forced.duals, siblings=node.siblings
+        )
         node.children = [child]
         node = child
         if known in (ContactState.OPEN, ContactState.SLIPPING):
             sibling, relaxation = node.siblings[contact, state]
-            again = sibling.take_over(forced.most, relaxation, closing_tolerance(dynamics))
+            again = sibling.take_over_slack(forced.most, relaxation, closing_tolerance(dynamics))
             return node, True, [sibling] * again
     return node, False, []
 
 
-def _children(
+def _split_set(
     dynamics: Dynamics,
     parent: UnprovenSet,
     relaxation: Relaxation,
@@ -310,10 +318,10 @@ def _children(
     forces: FloatArray,
     patches: Sequence[Patch],
 ) -> list[UnprovenSet]:
-    """Split a set of outcomes where a point misses Coulomb's law most. Arguments as of `split`."""
+    """Split a set where a point violates Coulomb's law most. Arguments as of `split_contact`."""
     states, siblings = parent.states, parent.siblings
     patch, least = _widest_patch(dynamics, states, y, forces, patches)
-    contact, parts = split(dynamics, relaxation.loads, states, y, forces, patches, least)
+    contact, parts = split_contact(dynamics, relaxation.loads, states, y, forces, patches, least)
     if parts or patch is None:
         was_closed = states.state[contact] is not ContactState.FREE
         nodes = [UnprovenSet(contact, each, relaxation) for each in parts]
@@ -324,7 +332,7 @@ def _children(
         most = PATCH_TOLERANCE * closing_tolerance(dynamics)
         nodes = [
             UnprovenSet(contact, states.with_patch(part, most), relaxation, patch=part)
-            for part in patch.split(states.known(patch), y)
+            for part in patch.split(states.patch_slip(patch), y)
         ]
     for node in nodes:
         # What opens adds nothing to what kinematics fix, nor does what is closed and slips.
@@ -334,7 +342,9 @@ def _children(
     return nodes
 
 
-def _nearby_outcome(dynamics: Dynamics, relaxed: Relaxed, y: FloatArray) -> FloatArray | None:
+def _nearby_outcome(
+    dynamics: Dynamics, relaxed: RelaxationPoint, y: FloatArray
+) -> FloatArray | None:
     """Return a moving outcome near the best point of a relaxation, whose motion is y."""
     if relaxed.load_left < 0.5 or dynamics.point_acceleration(y) <= dynamics.limit:
         return None
@@ -345,7 +355,7 @@ def _nearby_outcome(dynamics: Dynamics, relaxed: Relaxed, y: FloatArray) -> Floa
     return polish(dynamics, relaxed.forces)
 
 
-def split(
+def split_contact(
     dynamics: Dynamics,
     loads: FloatArray,
     states: States,
@@ -379,28 +389,28 @@ def split(
     gaps = gaps + 1e-9 * slips + _LEAST_GAP
     for patch in patches:
         members = np.array(patch.contacts)
-        members = members[~_alone(states, patch)[members]]
+        members = members[~_is_lone(states, patch)[members]]
         whole[members] &= may_open[members]
         gaps[members] = np.abs(forces[members, 0] * u[members, 0]) + _LEAST_GAP
     # A narrow sector has little left to give.
     widths = np.where(may_open, _QUADRANT, np.minimum(states.half_width, _QUADRANT))
-    score = np.where(whole, gaps * _weights(dynamics) * widths, -1.0)
+    score = np.where(whole, gaps * _contact_weights(dynamics) * widths, -1.0)
     contact = int(np.argmax(score))
     if not whole[contact] or score[contact] < least:
         return contact, []
     most, may_part = _SPLIT_SLACK * closing_tolerance(dynamics), not never_opens[contact]
-    return contact, _parts(states, contact, u[contact, 1:], most, may_open=may_part)
+    return contact, _child_states(states, contact, u[contact, 1:], most, may_open=may_part)
 
 
-def _alone(states: States, patch: Patch) -> NDArray[np.bool_]:
+def _is_lone(states: States, patch: Patch) -> NDArray[np.bool_]:
     """Return the (M,) contacts that are split by themselves, as a patch turns about them."""
-    known = states.known(patch)
+    known = states.patch_slip(patch)
     if known is None or known.cone is None or known.width > _NARROW:
         return np.zeros(len(states.state), dtype=bool)
     return (states.half_width >= np.pi) | states.are(ContactState.STICKING, ContactState.SLIPPING)
 
 
-def _weights(dynamics: Dynamics) -> FloatArray:
+def _contact_weights(dynamics: Dynamics) -> FloatArray:
     driven = dynamics.rows[:, :, len(dynamics.levers) :].any(axis=(1, 2))
     return np.where(driven, _FINGERS_FIRST, 1.0)
 
@@ -416,23 +426,23 @@ def _widest_patch(
     found: tuple[Patch | None, float] = None, 0.0
     if not patches:
         return found
-    u, weights = dynamics.slips(y), _weights(dynamics)
+    u, weights = dynamics.slips(y), _contact_weights(dynamics)
     u[:, 0] = 0.0
     gaps = coulomb_gaps(dynamics, forces, u) + 1e-9 * np.hypot(u[:, 1], u[:, 2])
     gaps += _LEAST_GAP
     for patch in patches:
-        known = states.known(patch)
+        known = states.patch_slip(patch)
         width = np.pi if known is None else known.width
         if width > _NARROWEST:
-            together = [*patch.contacts]
-            score = float((gaps * ~_alone(states, patch))[together].sum()) * min(width, _QUADRANT)
+            members = [*patch.contacts]
+            score = float((gaps * ~_is_lone(states, patch))[members].sum()) * min(width, _QUADRANT)
             score *= weights[patch.contacts[0]]
             if score > found[1]:
                 found = patch, score
     return found
 
 
-def _parts(
+def _child_states(
     states: States, contact: int, slip: FloatArray, most: float, *, may_open: bool
 ) -> list[States]:
     """Return open and closed, or sticking and four sectors of slip, or two halves of a sector.

@@ -34,7 +34,7 @@ from graspless_pin.holding.equilibrium import (
     Balance,
     farthest_forces,
     least_residual,
-    pushed,
+    normal_force_balance,
 )
 from graspless_pin.holding.relaxation import FORCE_LIMIT, Relaxation
 from graspless_pin.holding.unstable_motion import find_motion
@@ -70,7 +70,7 @@ def balance(
     (jacobian, load), friction = in_loads(problem, torques), free_friction(problem)
     if friction_limits is None:
         return least_residual(jacobian, load, friction, BALANCE_TOLERANCE)
-    found = None if friction_limits.any() else pushed(jacobian[:, 0], load)
+    found = None if friction_limits.any() else normal_force_balance(jacobian[:, 0], load)
     if found is not None:
         return found
     most = friction_limits / problem.scales.force
@@ -96,7 +96,9 @@ def balance_units(problem: QuasistaticProblem) -> FloatArray:
     return units
 
 
-def proves_unrest(problem: QuasistaticProblem, torques: FloatArray, motion: FloatArray) -> float:
+def residual_lower_bound(
+    problem: QuasistaticProblem, torques: FloatArray, motion: FloatArray
+) -> float:
     """Return what every set of contact forces leaves unbalanced at least, in loads.
 
     Args:
@@ -155,7 +157,7 @@ def is_certificate(
     return bool(y <= dynamics.resolution)
 
 
-def certified(
+def balance_and_certificate(
     problem: QuasistaticProblem,
     torques: FloatArray,
     normal_forces: FloatArray,
@@ -210,7 +212,7 @@ def proven_loads(
     return tuple(proofs), relaxation.programs
 
 
-def at_least(forces: FloatArray, loads: Iterable[LoadProof]) -> FloatArray:
+def with_proven_loads(forces: FloatArray, loads: Iterable[LoadProof]) -> FloatArray:
     """Return normal forces (M,), N, or what is proven where that is larger."""
     forces = forces.copy()
     for proof in loads:
@@ -335,9 +337,9 @@ class LoadLine:
         if resting[0] is None or resting[1] is None:
             return Unproven.OPEN
         rest_forces = resting[0], resting[1]
-        certified = self._certified(ends, ((), ()))
-        if certified is not None:
-            return SpanProof(ends, rest_forces, certified)
+        certificates = self._end_certificates(ends, ((), ()))
+        if certificates is not None:
+            return SpanProof(ends, rest_forces, certificates)
         if self._inertia is None:
             return Unproven.OPEN
         whole = [self._dynamics(end) for end in ends]
@@ -345,15 +347,15 @@ class LoadLine:
             None if own is None else spread_towards(own, other)
             for own, other in zip(whole, reversed(whole), strict=True)
         ]
-        loads = self._loads(spreads[0]), self._loads(spreads[1])
-        certified = self._certified(ends, loads)
-        if certified is not None:
-            return SpanProof(ends, rest_forces, certified)
+        loads = self._proven_loads(spreads[0]), self._proven_loads(spreads[1])
+        certificates = self._end_certificates(ends, loads)
+        if certificates is not None:
+            return SpanProof(ends, rest_forces, certificates)
         # The last load's first: its tree may meet a motion.
-        later = self._tree(spreads[1], loads[1], is_over)
+        later = self._branching_proof(spreads[1], loads[1], is_over)
         if isinstance(later, Unproven):
             return later
-        earlier = self._tree(spreads[0], loads[0], is_over)
+        earlier = self._branching_proof(spreads[0], loads[0], is_over)
         if isinstance(earlier, Unproven):
             return Unproven.OPEN
         return SpanProof(ends, rest_forces, (earlier, later))
@@ -366,7 +368,7 @@ class LoadLine:
             return None
         return world_forces(problem, found.forces * problem.scales.force)
 
-    def _tree(
+    def _branching_proof(
         self,
         spread: Dynamics | None,
         loads: tuple[LoadProof, ...],
@@ -375,7 +377,7 @@ class LoadLine:
         """Prove by branching that nothing moves, or tell whether something does."""
         if spread is None:
             return RestProof((), None, None, np.inf)
-        newtons = self._newtons([loads]) / spread.force_unit
+        newtons = self._common_proven_forces([loads]) / spread.force_unit
         least = np.where(spread.is_commanded, spread.commanded, newtons)
         relaxation = Relaxation(spread, least, force_limit(self.problem, spread))
         found = branch(spread, relaxation, is_over)
@@ -389,28 +391,30 @@ class LoadLine:
             return None
         return scaled_dynamics(*self.at(multiple), self._inertia, self._hybrid, self._limit)
 
-    def _certified(
+    def _end_certificates(
         self, ends: tuple[float, float], loads: tuple[tuple[LoadProof, ...], ...]
     ) -> tuple[RestProof, RestProof] | None:
         """Return certificates of both ends that lean on loads that all outcomes have."""
-        least, proofs = self._newtons(loads), list[RestProof]()
+        least, proofs = self._common_proven_forces(loads), list[RestProof]()
         for end, own in zip(ends, loads, strict=True):
             problem, torques = self.at(end)
             normal_forces = np.maximum(commanded_forces(problem, torques), least)
-            _, proof = certified(problem, torques, normal_forces, own, self._dynamics(end))
+            _, proof = balance_and_certificate(
+                problem, torques, normal_forces, own, self._dynamics(end)
+            )
             if proof is None:
                 return None
             proofs.append(proof)
         return proofs[0], proofs[1]
 
-    def _loads(self, dynamics: Dynamics | None) -> tuple[LoadProof, ...]:
+    def _proven_loads(self, dynamics: Dynamics | None) -> tuple[LoadProof, ...]:
         """Return normal forces that every outcome has, with their proofs."""
         if dynamics is None:
             return ()
         least = np.where(dynamics.is_commanded, dynamics.commanded, 0.0)
         return proven_loads(dynamics, least, force_limit(self.problem, dynamics))[0]
 
-    def _newtons(self, loads: Sequence[tuple[LoadProof, ...]]) -> FloatArray:
+    def _common_proven_forces(self, loads: Sequence[tuple[LoadProof, ...]]) -> FloatArray:
         """Return the (M,) smallest of the normal forces that several sets of proofs prove, N."""
         none = np.zeros(self.problem.contact_count)
-        return np.min([at_least(none, proofs) for proofs in loads], axis=0)
+        return np.min([with_proven_loads(none, proofs) for proofs in loads], axis=0)

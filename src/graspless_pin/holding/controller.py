@@ -195,7 +195,7 @@ def gain_words(
     if len(by_gain) == 1:
         return f"joint feedback of {next(iter(by_gain))} {unit}"
     parts = [
-        f"{f'{gain} {unit}' if gain != '0' else 'none'} at {_named(names, joints, fingers)}"
+        f"{f'{gain} {unit}' if gain != '0' else 'none'} at {_joint_words(names, joints, fingers)}"
         for gain, names in by_gain.items()
     ]
     if len(parts) > _MOST_GAINS:
@@ -203,7 +203,7 @@ def gain_words(
     return f"joint feedback of {', '.join(parts)}"
 
 
-def _named(names: Sequence[str], joints: Sequence[str], fingers: Mapping[str, str]) -> str:
+def _joint_words(names: Sequence[str], joints: Sequence[str], fingers: Mapping[str, str]) -> str:
     """Return names of some of the joints, of whole fingers first."""
     others = {fingers.get(name, "") for name in joints if name not in names} | {""}
     whole = {fingers[name]: None for name in names if fingers.get(name, "") not in others}

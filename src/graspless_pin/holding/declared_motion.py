@@ -25,14 +25,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspless_pin.holding.bounds import States, allowed_normals, least_along, newton_gains
-from graspless_pin.holding.branching import NEAR_OUTCOME, Searched, UnprovenSet, split
+from graspless_pin.holding.branching import NEAR_OUTCOME, SearchResult, UnprovenSet, split_contact
 from graspless_pin.holding.dynamics import Dynamics
 from graspless_pin.holding.relaxation import (
     arc_rows,
-    around,
     cone_planes,
     cone_tangents,
     plane_rows,
+    unit_directions,
 )
 from graspless_pin.holding.unstable_motion import coulomb_gaps, polish
 from graspless_pin.holding.verdict import ContactState, DualBound
@@ -50,7 +50,7 @@ _WHOLE = 1.0 - 1e-9
 """Share of the load from which a point has the whole of it."""
 
 
-class KeptPrograms:
+class OutcomePrograms:
     """Linear programs in forces and the share t of the load: y = B^T f + t h, u = A y.
 
     Rows: u_n >= 0 or = 0, u_t = 0 where a contact sticks, commanded forces, tangent planes of the
@@ -72,7 +72,9 @@ class KeptPrograms:
         given[np.arange(len(commanded)), 3 * commanded] = 1.0
         given[:, -1] = -dynamics.commanded[commanded]
         self._simplex.add_rows(given, np.zeros(len(commanded)), np.zeros(len(commanded)))
-        planes = [cone_planes(friction, around(_DIRECTIONS)) for friction in dynamics.friction]
+        planes = [
+            cone_planes(friction, unit_directions(_DIRECTIONS)) for friction in dynamics.friction
+        ]
         self._add_planes(np.repeat(np.arange(count), _DIRECTIONS), np.vstack(planes))
         self._shared = self._simplex.row_count
         self._edges: list[tuple[int, FloatArray]] = []
@@ -82,7 +84,7 @@ class KeptPrograms:
         """Linear programs solved."""
         return self._simplex.solves
 
-    def set(self, states: States) -> None:
+    def set_states(self, states: States) -> None:
         """Go to the outcomes in these states, with any share of the load."""
         self._simplex.drop_rows(self._shared, self._simplex.row_count)
         self._edges = []
@@ -105,14 +107,14 @@ class KeptPrograms:
         for contact in np.flatnonzero(states.are(ContactState.SLIPPING)):
             self._add_arc(int(contact), states.center[contact], states.half_width[contact])
 
-    def keep_load(self) -> None:
+    def require_whole_load(self) -> None:
         """Ask for the whole load from now on, if the last point had it: there is a point then."""
         lb, ub = self._bounds
         if self._load > _WHOLE:
             lb[-1] = 1.0
             self._simplex.set_bounds(lb, ub)
 
-    def largest(
+    def maximize(
         self, goal: FloatArray, states: States
     ) -> tuple[DualBound, FloatArray, FloatArray] | None:
         """Maximise p.y, or t where p is zero, cut by tangents of cones where contacts stick.
@@ -198,7 +200,7 @@ def goal_bound(dynamics: Dynamics, states: States, dual: DualBound, force_limit:
     Args:
         dynamics: The scaled dynamics.
         states: Of the contacts.
-        dual: The multipliers of `completed`, whose lambda holds p.
+        dual: The multipliers of `completed_multipliers`, whose lambda holds p.
         force_limit: It holds for outcomes with normal forces up to this, scaled.
     """
     rows, pushes, commanded = dynamics.rows, dynamics.pushes, dynamics.is_commanded
@@ -214,7 +216,9 @@ def goal_bound(dynamics: Dynamics, states: States, dual: DualBound, force_limit:
     return bound + reach * float(wrong @ np.linalg.norm(rows[:, 1:], axis=(1, 2)))
 
 
-def completed(dynamics: Dynamics, states: States, dual: DualBound, goal: FloatArray) -> DualBound:
+def completed_multipliers(
+    dynamics: Dynamics, states: States, dual: DualBound, goal: FloatArray
+) -> DualBound:
     """Return multipliers with the lambda that belongs to them, and none that is not allowed."""
     normal = allowed_normals(dynamics, states, dual.normal)
     known = states.are(ContactState.STICKING, ContactState.SLIPPING)
@@ -228,9 +232,9 @@ _EMPTY = -0.5
 """Where zero is bounded by this, there is no outcome; minus one but for rounding."""
 
 
-def other_motion(
+def search_other_motion(
     dynamics: Dynamics, force_limit: float, is_over: Callable[[int], bool]
-) -> Searched:
+) -> SearchResult:
     """Prove that no outcome moves the object otherwise than declared, or find one.
 
     Args:
@@ -238,7 +242,7 @@ def other_motion(
         force_limit: Proofs have to hold for normal forces up to this, scaled.
         is_over: Tells after so many nodes whether the search has to end.
     """
-    programs, goals = KeptPrograms(dynamics), point_goals(dynamics)
+    programs, goals = OutcomePrograms(dynamics), point_goals(dynamics)
     count = dynamics.contact_count
     root = UnprovenSet(-1, States.unknown(count), remaining=list(range(1, len(goals))))
     search, unproven, nodes = TreeSearch([root]), list[UnprovenSet](), 0
@@ -247,43 +251,43 @@ def other_motion(
             unproven += [node, *search.open_nodes()]
             break
         nodes += 1
-        point = _bounded(dynamics, programs, goals, node, force_limit)
+        point = _prove_goals(dynamics, programs, goals, node, force_limit)
         if point is None:
             continue
         y, forces = point
-        contact, parts = split(dynamics, np.zeros(count), node.states, y, forces)
+        contact, parts = split_contact(dynamics, np.zeros(count), node.states, y, forces)
         gaps = float(coulomb_gaps(dynamics, forces, dynamics.slips(y)).sum())
         if not parts or gaps <= NEAR_OUTCOME * float(y @ y):
             motion = polish(dynamics, forces)
             if motion is not None:
-                return Searched(None, motion, nodes, len(search), programs.programs)
+                return SearchResult(None, motion, nodes, len(search), programs.programs)
         node.children = [
             UnprovenSet(contact, states, remaining=list(node.remaining)) for states in parts
         ]
         if not parts:
             unproven.append(node)
         search.add(reversed(node.children))
-    tree = None if unproven else root.finished()
+    tree = None if unproven else root.proof_node()
     resisting = unproven[0].states.state if unproven else ()
-    return Searched(tree, None, nodes, len(unproven), programs.programs, resisting)
+    return SearchResult(tree, None, nodes, len(unproven), programs.programs, resisting)
 
 
-def _bounded(
+def _prove_goals(
     dynamics: Dynamics,
-    programs: KeptPrograms,
+    programs: OutcomePrograms,
     goals: FloatArray,
     node: UnprovenSet,
     force_limit: float,
 ) -> tuple[FloatArray, FloatArray] | None:
     """Prove what can be proven of a node; return y and forces of the first goal that is left."""
     states = node.states
-    programs.set(states)
+    programs.set_states(states)
     for index in (0, *node.remaining):
-        answer = programs.largest(goals[index], states)
+        answer = programs.maximize(goals[index], states)
         if answer is None:
             return np.zeros(len(dynamics.load)), np.zeros((dynamics.contact_count, 3))
         dual, forces, y = answer
-        dual = completed(dynamics, states, dual, goals[index])
+        dual = completed_multipliers(dynamics, states, dual, goals[index])
         bound = goal_bound(dynamics, states, dual, force_limit)
         if bound <= (1.0 if index else _EMPTY):
             node.sides.append((index, dual))
@@ -293,5 +297,5 @@ def _bounded(
             node.remaining = node.remaining[node.remaining.index(index) :]
             return y, forces
         else:
-            programs.keep_load()
+            programs.require_whole_load()
     return None

@@ -291,13 +291,13 @@ def without_free_joints(
         free = turns[int((sizes > _DEPENDENT * sizes.max()).sum()) :]
         part = free.T @ (free @ whole)
         part[np.abs(part) < _TINY * np.abs(part).max()] = 0.0
-        leak = force_limit * leaks(dynamics, part)[~opened].sum()
+        leak = force_limit * leak_powers(dynamics, part)[~opened].sum()
         if np.linalg.norm(part) > _LEAST_ASIDE and leak < _LEAK * dynamics.resolution**2:
             aside = part
     return replace(dynamics, load=whole - aside, aside=aside)
 
 
-def leaks(dynamics: Dynamics, aside: FloatArray) -> FloatArray:
+def leak_powers(dynamics: Dynamics, aside: FloatArray) -> FloatArray:
     """Return the (M,) power of each contact along what is left aside, for a unit normal force."""
     return np.sqrt(1.0 + dynamics.friction**2) * np.linalg.norm(dynamics.rows @ aside, axis=1)
 
@@ -375,7 +375,7 @@ def with_joints_held(
     return problem.with_changes(jacobian=jacobian, gravity_torques=gravity, joint_inertia=inertia)
 
 
-def rolling_without_scene(
+def small_motions_without_scene(
     problem: QuasistaticProblem, bearing: Callable[[], FloatArray]
 ) -> SmallMotions:
     """Return what is known of small motions about a rest from its contacts' first order alone.

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspless_pin.holding.least_squares import nonnegative_squares
-from graspless_pin.holding.relaxation import around, cone_planes, plane_rows
+from graspless_pin.holding.relaxation import cone_planes, plane_rows, unit_directions
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.solvers.simplex import Simplex, SimplexAnswer
 
@@ -75,14 +75,14 @@ def least_residual(
     """
     # Most loads balance inside polygons in the cones, by one program.
     limits = None if friction_limits is None else _INSCRIBED * friction_limits
-    inside = _program(jacobian, load, _INSCRIBED * friction, limits)
-    found = _balance(inside.solve(), jacobian, load, friction, 1)
+    inside = _residual_program(jacobian, load, _INSCRIBED * friction, limits)
+    found = _balance_of_answer(inside.solve(), jacobian, load, friction, 1)
     if found is not None and found.residual <= _EXACT:
         return found
-    simplex = _program(jacobian, load, friction, friction_limits)
+    simplex = _residual_program(jacobian, load, friction, friction_limits)
     best: Balance | None = None
     for _ in range(_MOST_ROUNDS):
-        found = _balance(simplex.solve(), jacobian, load, friction, 1 + simplex.solves)
+        found = _balance_of_answer(simplex.solve(), jacobian, load, friction, 1 + simplex.solves)
         if found is None:
             return best
         best, forces = found, found.forces
@@ -97,7 +97,7 @@ def least_residual(
     return best
 
 
-def _program(
+def _residual_program(
     jacobian: FloatArray,
     load: FloatArray,
     friction: FloatArray,
@@ -117,12 +117,16 @@ def _program(
     simplex.add_rows(balance, -above, -load)
     contacts = np.repeat(np.arange(count), _DIRECTIONS)
     _add_planes(
-        simplex, contacts, np.tile(around(_DIRECTIONS), (count, 1)), friction, friction_limits
+        simplex,
+        contacts,
+        np.tile(unit_directions(_DIRECTIONS), (count, 1)),
+        friction,
+        friction_limits,
     )
     return simplex
 
 
-def _balance(
+def _balance_of_answer(
     answer: SimplexAnswer,
     jacobian: FloatArray,
     load: FloatArray,
@@ -165,7 +169,7 @@ def farthest_forces(
     count, size = len(jacobian), float(np.abs(cost).max(initial=0.0))
     if size == 0.0:
         return None
-    simplex = _program(jacobian, load, _INSCRIBED * friction)
+    simplex = _residual_program(jacobian, load, _INSCRIBED * friction)
     sides = friction * most
     largest = np.column_stack([most, sides, sides])
     least = np.column_stack([np.zeros(count), -sides, -sides])
@@ -176,7 +180,7 @@ def farthest_forces(
     return answer.x[:-1].reshape(count, 3) if answer.is_optimal else None
 
 
-def pushed(normals: FloatArray, load: FloatArray) -> Balance | None:
+def normal_force_balance(normals: FloatArray, load: FloatArray) -> Balance | None:
     """Find normal forces alone that balance the load, or leave little of it, by least squares.
 
     Args:

@@ -100,7 +100,7 @@ class PatchSlip(Record):
     arcs: FloatArray
 
     @cached_property
-    def telling(self) -> int:
+    def determining_count(self) -> int:
         """How many of the first contacts tell the motion by their slips: two in two places."""
         count = 2
         while np.linalg.matrix_rank(self.images[:count].reshape(-1, 3), tol=_UNTOLD) < 3:
@@ -138,13 +138,13 @@ class Patch(Record):
         """
         if known is not None:
             cones = [] if known.cone is None else known.cone.halves()
-            return [self._slipping(cone) for cone in cones]
+            return [self._slip_in_cone(cone) for cone in cones]
         axes, _ = np.linalg.qr(np.column_stack([self.motion @ y, np.eye(3)]))
         one, still = np.ones(2), np.tile([0.0, -1.0], (len(self.contacts), 1))
         cones = [MotionCone(axes.T, k, sign, -one, one) for k in range(3) for sign in (1, -1)]
-        return [PatchSlip(self.contacts, self.images, None, still), *map(self._slipping, cones)]
+        return [PatchSlip(self.contacts, self.images, None, still), *map(self._slip_in_cone, cones)]
 
-    def _slipping(self, cone: MotionCone) -> PatchSlip:
+    def _slip_in_cone(self, cone: MotionCone) -> PatchSlip:
         """Return the arcs of slip of motions in a cone."""
         rays = cone.rays / np.linalg.norm(cone.rays, axis=1)[:, None]
         arcs = np.tile([0.0, np.pi], (len(self.contacts), 1))
@@ -175,13 +175,13 @@ def find_patches(rows: FloatArray, friction: FloatArray, tolerance: float) -> li
     while remaining:
         members = remaining[:1]
         for contact in remaining[1:]:
-            sizes = np.linalg.svd(_slips(rows, [*members, contact]), compute_uv=False)
+            sizes = np.linalg.svd(_slip_rows(rows, [*members, contact]), compute_uv=False)
             if len(sizes) > 3 and sizes[3] < _DEPENDENT * sizes[0]:
                 members.append(contact)
         remaining = [contact for contact in remaining if contact not in members]
         if len(members) < _FEWEST_CONTACTS:
             continue
-        slips = _slips(rows, members)
+        slips = _slip_rows(rows, members)
         images, sizes, turns = np.linalg.svd(slips, full_matrices=False)
         images, motion = images[:, :3], sizes[:3, None] * turns[:3]
         # Slips of y up to |y| = 2, the longest there is, are told but for so much.
@@ -197,5 +197,5 @@ def find_patches(rows: FloatArray, friction: FloatArray, tolerance: float) -> li
     return [patch for patch in patches if len(patch.contacts) >= fewest]
 
 
-def _slips(rows: FloatArray, contacts: list[int]) -> FloatArray:
+def _slip_rows(rows: FloatArray, contacts: list[int]) -> FloatArray:
     return rows[contacts, 1:].reshape(2 * len(contacts), -1)

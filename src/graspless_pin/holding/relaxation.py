@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from graspless_pin.holding.bounds import OutcomeBounds, States, kinematic_dual, repaired
-from graspless_pin.holding.dynamics import Dynamics, leaks, without_free_joints
+from graspless_pin.holding.bounds import OutcomeBounds, States, kinematic_dual, repaired_multipliers
+from graspless_pin.holding.dynamics import Dynamics, leak_powers, without_free_joints
 from graspless_pin.holding.verdict import ContactState, DualBound, LoadProof
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.solvers.simplex import Simplex, SimplexAnswer
@@ -21,7 +21,7 @@ _INSIDE = 1e-8
 """Share of the friction by which tangents of cones lie inside: the points on them are outcomes."""
 
 
-def around(count: int) -> FloatArray:
+def unit_directions(count: int) -> FloatArray:
     """Return ``count`` unit vectors (count, 2), evenly spaced."""
     angles = 2.0 * np.pi * np.arange(count) / count
     return np.column_stack([np.cos(angles), np.sin(angles)])
@@ -111,7 +111,7 @@ FORCE_LIMIT = 1e6
 
 
 @dataclass(frozen=True, eq=False)
-class Relaxed:
+class RelaxationPoint:
     """The best point of a relaxation, and what its multipliers prove.
 
     Attributes:
@@ -131,7 +131,7 @@ class Relaxed:
     load_left: float
 
 
-class _Tally:
+class _SharedRecords:
     """What relaxations of the same bodies share: how many linear programs, and their dynamics."""
 
     def __init__(self) -> None:
@@ -164,48 +164,48 @@ class Relaxation:
         least = dynamics.commanded + np.minimum(dynamics.commanded_spread, 0.0)
         self._power = dynamics.friction * np.where(commanded, least, loads)
         self._loaded = np.flatnonzero(self._power > 0.0)
-        self._n, self._m = n, count
+        self._y_count, self._contact_count = n, count
         self._slip = n + 3 * count
         self._spread = self._slip + len(self._loaded)
         self._size = self._spread + int(dynamics.spread.any()) + 1
-        self._around = around(_DIRECTIONS)
+        self._directions = unit_directions(_DIRECTIONS)
         free = np.full(self._size, np.inf)
         self._simplex = Simplex(np.zeros(self._size), -free, free)
-        self._add_shared()
+        self._add_shared_rows()
         self._shared = self._simplex.row_count
         self._first = self._shared
-        self._rows_of: list[tuple[int, FloatArray]] = []
-        self._tally = _Tally()
+        self._row_directions: list[tuple[int, FloatArray]] = []
+        self._shared_records = _SharedRecords()
 
     @property
     def programs(self) -> int:
         """Linear programs solved, of all relaxations that come of one."""
-        return self._tally.count
+        return self._shared_records.count
 
-    def _add_shared(self) -> None:
-        n, count, own = self._n, self._m, self.dynamics
-        rows, h, contacts = own.rows, own.load, np.arange(self._m)
-        dynamics = self._rows(n, y=np.eye(n), spread=-own.spread, taken=h)
+    def _add_shared_rows(self) -> None:
+        n, count, own = self._y_count, self._contact_count, self.dynamics
+        rows, h, contacts = own.rows, own.load, np.arange(self._contact_count)
+        dynamics = self._blank_rows(n, y=np.eye(n), spread=-own.spread, taken=h)
         dynamics[:, n : self._slip] = -rows.reshape(3 * count, n).T
         self._simplex.add_rows(dynamics, h, h)
         # Open contacts do not part by what joints do by themselves where load is taken away.
         moved = rows[:, 0] @ own.aside
         self._moved = np.where(np.abs(moved) > _SAME_MOTION, moved, 0.0)
-        normal = self._rows(count, y=rows[:, 0], taken=-self._moved)
+        normal = self._blank_rows(count, y=rows[:, 0], taken=-self._moved)
         self._simplex.add_rows(normal, np.zeros(count), np.full(count, np.inf))
         self._add_power(h, 0.0)
         for column, contact in enumerate(self._loaded):
-            bounds = self._rows(_DIRECTIONS, y=-self._around @ rows[contact, 1:])
+            bounds = self._blank_rows(_DIRECTIONS, y=-self._directions @ rows[contact, 1:])
             bounds[:, self._slip + column] = 1.0
             self._simplex.add_rows(bounds, np.zeros(_DIRECTIONS), np.full(_DIRECTIONS, np.inf))
         # Where load is taken away, so are the smallest normal forces, and commanded ones.
-        least = self._rows(count, spread=-own.commanded_spread, taken=self.loads)
+        least = self._blank_rows(count, spread=-own.commanded_spread, taken=self.loads)
         least[contacts, n + 3 * contacts] = 1.0
         self._simplex.add_rows(least, self.loads, np.where(own.is_commanded, self.loads, np.inf))
-        planes = [cone_planes(friction, self._around) for friction in own.friction]
+        planes = [cone_planes(friction, self._directions) for friction in own.friction]
         self._add_planes(np.repeat(contacts, _DIRECTIONS), np.vstack(planes))
 
-    def _rows(
+    def _blank_rows(
         self,
         count: int,
         *,
@@ -215,23 +215,23 @@ class Relaxation:
     ) -> FloatArray:
         """Return so many rows with coefficients of y, of theta and of the load taken away."""
         rows = np.zeros((count, self._size))
-        rows[:, : self._n], rows[:, -1] = y, taken
+        rows[:, : self._y_count], rows[:, -1] = y, taken
         if spread is not None:
             rows[:, self._spread : -1] = spread[:, None]
         return rows
 
     def _add_planes(self, contacts: NDArray[np.intp], planes: FloatArray) -> None:
         """Add r.f <= 0 for rows r (k, 3) of contacts (k,)."""
-        rows = plane_rows(contacts, planes, self._size, self._n)
+        rows = plane_rows(contacts, planes, self._size, self._y_count)
         self._simplex.add_rows(rows, np.full(len(rows), -np.inf), np.zeros(len(rows)))
 
     def _add_power(self, y: FloatArray, least: float) -> None:
         """Add that y's part less the power of friction, sum mu l |u_t|, is no smaller."""
-        row = self._rows(1, y=y)
+        row = self._blank_rows(1, y=y)
         row[0, self._slip : self._spread] = -self._power[self._loaded]
         self._simplex.add_rows(row, np.full(1, least), np.full(1, np.inf))
 
-    def solve(self, states: States, goal: tuple[FloatArray, FloatArray]) -> Relaxed | None:
+    def solve(self, states: States, goal: tuple[FloatArray, FloatArray]) -> RelaxationPoint | None:
         """Maximise p.y + q.f over the relaxation, cut by tangents of ball and cones where it helps.
 
         A share of the load may be taken away: so there is always an answer.
@@ -243,16 +243,16 @@ class Relaxation:
         Returns:
             The last point and the least bound; None where the solver has no answer.
         """
-        self._enter(states, elastic=True)
-        best: Relaxed | None = None
-        enough = self.enough(states)
+        self._set_states(states, elastic=True)
+        best: RelaxationPoint | None = None
+        enough = self.proof_threshold(states)
         splits = states.undecided.any()
-        for answer in self._answers(goal):
-            relaxed = self._read(answer, states, goal, enough)
+        for answer in self._cut_optima(goal):
+            relaxed = self._read_answer(answer, states, goal, enough)
             if best is not None and best.bound <= relaxed.bound:
                 relaxed = replace(relaxed, bound=best.bound, dual=best.dual)
             best = relaxed
-            is_cut = self._is_cut(answer.x, states, elastic=True)
+            is_cut = self._add_cuts(answer.x, states, elastic=True)
             if not is_cut or best.bound <= enough or (splits and best.value > _HOPELESS):
                 break
         return best
@@ -266,18 +266,18 @@ class Relaxation:
         found = list[LoadProof]()
         asked = ~self.dynamics.is_commanded & ~states.are(ContactState.OPEN)
         worth = _WORTH_MORE * self.loads + _LEAST
-        self._enter(states, elastic=False)
+        self._set_states(states, elastic=False)
         for contact in np.flatnonzero(asked).tolist():
             if not asked[contact]:
                 continue
-            goal = np.zeros(self._n), np.zeros((self._m, 3))
+            goal = np.zeros(self._y_count), np.zeros((self._contact_count, 3))
             goal[1][contact, 0] = -1.0
-            best: Relaxed | None = None
-            for answer in self._answers(goal):
-                normal = answer.x[self._n : self._slip : 3]
-                is_cut = self._is_cut(answer.x, states, elastic=False)
+            best: RelaxationPoint | None = None
+            for answer in self._cut_optima(goal):
+                normal = answer.x[self._y_count : self._slip : 3]
+                is_cut = self._add_cuts(answer.x, states, elastic=False)
                 if normal[contact] > worth[contact]:
-                    relaxed = self._read(answer, states, goal, -np.inf)
+                    relaxed = self._read_answer(answer, states, goal, -np.inf)
                     best = relaxed if best is None or relaxed.bound < best.bound else best
                 if not is_cut:
                     # A point of the relaxation tells of all contacts what they bear at most.
@@ -288,20 +288,20 @@ class Relaxation:
                 found.append(LoadProof(contact, float(force), best.dual))
         return found
 
-    def _answers(self, goal: tuple[FloatArray, FloatArray]) -> Iterator[SimplexAnswer]:
+    def _cut_optima(self, goal: tuple[FloatArray, FloatArray]) -> Iterator[SimplexAnswer]:
         """Yield optima towards p.y + q.f, as long as there are any; cuts come in between."""
         cost = np.zeros(self._size)
-        cost[: self._n], cost[self._n : self._slip] = -goal[0], -goal[1].ravel()
+        cost[: self._y_count], cost[self._y_count : self._slip] = -goal[0], -goal[1].ravel()
         cost[-1] = _PENALTY
         self._simplex.set_cost(cost)
         for _ in range(_MOST_CUTS):
             answer = self._simplex.solve()
-            self._tally.count += 1
+            self._shared_records.count += 1
             if not answer.is_optimal:
                 return
             yield answer
 
-    def _is_cut(self, x: FloatArray, states: States, *, elastic: bool) -> bool:
+    def _add_cuts(self, x: FloatArray, states: States, *, elastic: bool) -> bool:
         """Add tangents before a point outside of ball or cones; return whether there were any."""
         return self._cut_ball(x, elastic) | self._cut_cones(x, states)
 
@@ -310,47 +310,47 @@ class Relaxation:
         loads = self.loads.copy()
         for proof in proofs:
             loads[proof.contact] = proof.force / self.dynamics.force_unit
-        return self._changed(self.dynamics, loads)
+        return self._with_dynamics(self.dynamics, loads)
 
     def without_free_joints(self, opened: NDArray[np.bool_]) -> Relaxation:
         """Return the relaxation of what joints do not do by themselves while contacts are open."""
-        key, known = opened.tobytes(), self._tally.dynamics
+        key, known = opened.tobytes(), self._shared_records.dynamics
         if key not in known:
             known[key] = without_free_joints(self.dynamics, opened, self.force_limit)
         dynamics = known[key]
         if np.abs(dynamics.aside - self.dynamics.aside).max() <= _SAME_MOTION:
             return self
-        return self._changed(dynamics, self.loads)
+        return self._with_dynamics(dynamics, self.loads)
 
-    def enough(self, states: States) -> float:
+    def proof_threshold(self, states: States) -> float:
         """Return the power up to which nothing moves, less what contacts do along what is aside."""
-        still = leaks(self.dynamics, self.dynamics.aside)[~states.are(ContactState.OPEN)]
+        still = leak_powers(self.dynamics, self.dynamics.aside)[~states.are(ContactState.OPEN)]
         return self.dynamics.resolution**2 - self.force_limit * float(still.sum())
 
-    def _changed(self, dynamics: Dynamics, loads: FloatArray) -> Relaxation:
+    def _with_dynamics(self, dynamics: Dynamics, loads: FloatArray) -> Relaxation:
         relaxation = Relaxation(dynamics, loads, self.force_limit)
-        relaxation._tally = self._tally
-        relaxation.bounds = self.bounds.changed(dynamics, loads)
+        relaxation._shared_records = self._shared_records
+        relaxation.bounds = self.bounds.for_dynamics(dynamics, loads)
         return relaxation
 
-    def _drop(self) -> None:
+    def _drop_state_rows(self) -> None:
         """Take away the rows of the last states; the tangents found there hold for all."""
-        self._simplex.drop_rows(self._first, self._first + len(self._rows_of))
-        self._rows_of = []
+        self._simplex.drop_rows(self._first, self._first + len(self._row_directions))
+        self._row_directions = []
         too_many = self._simplex.row_count - self._shared - _MOST_KEPT
         if too_many > 0:
             self._simplex.drop_rows(self._shared, self._shared + too_many)
         self._first = self._simplex.row_count
 
-    def _enter(self, states: States, *, elastic: bool) -> None:
+    def _set_states(self, states: States, *, elastic: bool) -> None:
         """Put the rows of some states in the place of those of the last ones.
 
         Args:
             states: Of the contacts.
             elastic: Whether a share of the load may be taken away.
         """
-        self._drop()
-        n, count = self._n, self._m
+        self._drop_state_rows()
+        n, count = self._y_count, self._contact_count
         h, commanded = self.dynamics.load, self.dynamics.is_commanded
         lb, ub = np.full(self._size, -np.inf), np.full(self._size, np.inf)
         radius = 0.5 * float(np.linalg.norm(h))
@@ -371,26 +371,28 @@ class Relaxation:
             np.where(commanded | states.closes, -np.inf, -self._moved),
             np.where(may_part | states.closes, np.inf, 0.0),
         )
-        self._set_slips(states)
+        self._add_slip_rows(states)
 
-    def _set_slips(self, states: States) -> None:
+    def _add_slip_rows(self, states: States) -> None:
         """Add what sticking says, and a slip in an arc of at most pi: edges for slip and force."""
-        sticking = np.flatnonzero(states.stuck & ~states.sticks)
-        slipping = np.flatnonzero(~states.stuck & (states.half_width < np.pi))
+        sticking = np.flatnonzero(states.does_not_slip & ~states.sticks)
+        slipping = np.flatnonzero(~states.does_not_slip & (states.half_width < np.pi))
         count, row = 2 * len(sticking) + 5 * len(slipping), 2 * len(sticking)
         rows, low, high = np.zeros((count, self._size)), np.zeros(count), np.zeros(count)
         own = self.dynamics.rows[:, 1:]
-        rows[:row, : self._n] = own[sticking].reshape(row, self._n)
-        self._rows_of = [(contact, along) for contact in sticking.tolist() for along in np.eye(2)]
+        rows[:row, : self._y_count] = own[sticking].reshape(row, self._y_count)
+        self._row_directions = [
+            (contact, along) for contact in sticking.tolist() for along in np.eye(2)
+        ]
         for contact in slipping.tolist():
             center, half_width = states.center[contact], states.half_width[contact]
             edges, faces = arc_rows(center, half_width, self.dynamics.friction[contact])
-            first = self._n + 3 * contact
-            rows[row : row + 2, : self._n] = edges @ own[contact]
+            first = self._y_count + 3 * contact
+            rows[row : row + 2, : self._y_count] = edges @ own[contact]
             rows[row + 2 : row + 5, first : first + 3] = faces
             high[row : row + 2], low[row + 2 : row + 5] = np.inf, -np.inf
             # Rows on forces say nothing of y.
-            self._rows_of += [(contact, along) for along in (*edges, *np.zeros((3, 2)))]
+            self._row_directions += [(contact, along) for along in (*edges, *np.zeros((3, 2)))]
             row += 5
         self._simplex.add_rows(rows, low, high)
 
@@ -402,7 +404,7 @@ class Relaxation:
             toward_rest: Whether the tangent is at the way to rest, which suits the power h.y best,
                 or at the nearest point of the ball.
         """
-        h, y = self.dynamics.load, x[: self._n]
+        h, y = self.dynamics.load, x[: self._y_count]
         power, square = float(h @ y), float(y @ y)
         if square <= power * (1.0 + 1e-9):
             return False
@@ -421,20 +423,20 @@ class Relaxation:
         """
         if states.undecided.any():
             return False
-        forces = x[self._n : self._slip].reshape(self._m, 3)
-        outside, planes = cone_tangents(forces, self.dynamics.friction, states.stuck)
+        forces = x[self._y_count : self._slip].reshape(self._contact_count, 3)
+        outside, planes = cone_tangents(forces, self.dynamics.friction, states.does_not_slip)
         self._add_planes(outside, planes)
         return len(outside) > 0
 
-    def _read(
+    def _read_answer(
         self,
         answer: SimplexAnswer,
         states: States,
         goal: tuple[FloatArray, FloatArray],
         enough: float,
-    ) -> Relaxed:
+    ) -> RelaxationPoint:
         """Return the best point, and the first multipliers whose bound is enough, or the best."""
-        n, count = self._n, self._m
+        n, count = self._y_count, self._contact_count
         # A million loads make something of multipliers that are rounding.
         sizes = np.abs(answer.rows)
         marginals = np.where(sizes > _ROUNDING * sizes.max(), answer.rows, 0.0)
@@ -442,26 +444,26 @@ class Relaxation:
         first = n + count + 1
         for column, contact in enumerate(self._loaded):
             own = marginals[first + column * _DIRECTIONS : first + (column + 1) * _DIRECTIONS]
-            tangential[contact] -= own @ self._around
-        for row, (contact, direction) in enumerate(self._rows_of):
+            tangential[contact] -= own @ self._directions
+        for row, (contact, direction) in enumerate(self._row_directions):
             tangential[contact] += marginals[self._first + row] * direction
         y, forces = answer.x[:n], answer.x[n : self._slip].reshape(count, 3)
         value = float(goal[0] @ y + (goal[1] * forces).sum() - _PENALTY * answer.x[-1])
         raw = DualBound(-marginals[:n], marginals[n : n + count].copy(), tangential)
         dual, bound = raw, np.inf
-        for tried in self._repairs(states, raw, goal):
+        for tried in self._multiplier_candidates(states, raw, goal):
             proven = self.bounds.bound(states, tried, goal)
             if proven < bound:
                 dual, bound = tried, proven
             if bound <= enough or value > _HOPELESS:
                 break
-        return Relaxed(value, bound, dual, y, forces, 1.0 - float(answer.x[-1]))
+        return RelaxationPoint(value, bound, dual, y, forces, 1.0 - float(answer.x[-1]))
 
-    def _repairs(
+    def _multiplier_candidates(
         self, states: States, raw: DualBound, goal: tuple[FloatArray, FloatArray]
     ) -> Iterator[DualBound]:
         """Yield the solver's multipliers, and what may prove more where rounding spoils them."""
         yield raw
-        yield repaired(self.dynamics, states, raw, goal)
+        yield repaired_multipliers(self.dynamics, states, raw, goal)
         if goal[0].any():
-            yield kinematic_dual(self.dynamics, states, goal[0], np.zeros(self._m))
+            yield kinematic_dual(self.dynamics, states, goal[0], np.zeros(self._contact_count))

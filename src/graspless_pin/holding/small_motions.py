@@ -193,7 +193,7 @@ class LinearizedMotion:
         ends = [0.0]
         for index in np.flatnonzero(grows[1:] != grows[:-1]).tolist():
             low, high = factors[index : index + 2].tolist()
-            root = _root(lambda k: float(growth(np.array([k]))[0]), low, high)
+            root = _sign_change(lambda k: float(growth(np.array([k]))[0]), low, high)
             # On the side where nothing grows.
             side = 1.0 if grows[index] else -1.0
             ends.append(min(max(root * (1.0 + 2.0 * side * _GAIN_ACCURACY), low), high))
@@ -202,7 +202,7 @@ class LinearizedMotion:
         return tuple(zip(inner[::2], inner[1::2], strict=False))
 
 
-def _root(function: Callable[[float], float], low: float, high: float) -> float:
+def _sign_change(function: Callable[[float], float], low: float, high: float) -> float:
     """Return where a function changes its sign between two points, by Brent's method."""
     first, last = function(low), function(high)
     if first * last >= 0.0:  # by rounding: a root is at an end
@@ -300,7 +300,7 @@ def extreme_forces(
         rate, _, gradient = motion.fastest_mode(motion.stiffness(forces))
         return sign * rate, sign * gradient
 
-    def along(gradient: FloatArray) -> tuple[float, FloatArray, FloatArray]:
+    def forces_along(gradient: FloatArray) -> tuple[float, FloatArray, FloatArray]:
         """Return growth, forces and gradient where forces go farthest along a gradient."""
         cost = -np.einsum("ab,miab->mi", gradient, in_frames)
         found = farthest_forces(jacobian, load, free_friction(problem), cost, most)
@@ -312,25 +312,29 @@ def extreme_forces(
 
     rate, gradient = growth(forces)
     best = max(
-        (along(-_softest(motion, side * one)) for one in _largest(influence) for side in (1, -1)),
+        (
+            forces_along(-_softest_direction(motion, side * one))
+            for one in _largest_changes(influence)
+            for side in (1, -1)
+        ),
         key=lambda one: one[0],
     )
     if best[0] > rate:
         rate, forces, gradient = best
     for _ in range(_MOST_ROUNDS):
-        new_rate, new_forces, next_gradient = along(gradient)
+        new_rate, new_forces, next_gradient = forces_along(gradient)
         if new_rate <= rate + _FASTER * max(abs(rate), GROWTH_LIMIT):
             return forces
         rate, forces, gradient = new_rate, new_forces, next_gradient
     return forces
 
 
-def _largest(influence: FloatArray) -> FloatArray:
+def _largest_changes(influence: FloatArray) -> FloatArray:
     """Return the changes of the stiffness (k, d, d) that are largest, a few."""
     return influence[np.argsort(-np.abs(influence).max(axis=(1, 2)))[:_MOST_STARTS]]
 
 
-def _softest(motion: LinearizedMotion, stiffness: FloatArray) -> FloatArray:
+def _softest_direction(motion: LinearizedMotion, stiffness: FloatArray) -> FloatArray:
     """Return z z^T (d, d) of the motion with the smallest eigenvalue of a stiffness."""
     symmetric = 0.5 * (stiffness + stiffness.T)
     _, vectors = eigh(symmetric, motion.inertia, subset_by_index=[0, 0])

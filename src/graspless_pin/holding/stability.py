@@ -17,23 +17,23 @@ from numpy.typing import ArrayLike, NDArray
 from graspless_pin.errors import ArgumentError
 from graspless_pin.holding.branching import branch
 from graspless_pin.holding.certificate import (
-    at_least,
     balance,
+    balance_and_certificate,
     bearing_forces,
-    certified,
     force_limit,
     in_loads,
     proven_loads,
-    proves_unrest,
+    residual_lower_bound,
+    with_proven_loads,
 )
-from graspless_pin.holding.declared_motion import other_motion
+from graspless_pin.holding.declared_motion import search_other_motion
 from graspless_pin.holding.dynamics import (
     Dynamics,
     free_friction,
     free_motions,
-    rolling_without_scene,
     scaled_dynamics,
     slides_with_friction,
+    small_motions_without_scene,
     without_free_joints,
     world_forces,
 )
@@ -41,10 +41,10 @@ from graspless_pin.holding.equilibrium import BALANCE_TOLERANCE, least_residual
 from graspless_pin.holding.relaxation import Relaxation
 from graspless_pin.holding.unstable_motion import (
     find_motion,
-    found_motions,
     is_outcome,
     outcome_record,
     polish,
+    search_motions,
 )
 from graspless_pin.holding.verdict import (
     BRIEF_NODE_LIMIT,
@@ -108,15 +108,17 @@ def motion_words(problem: QuasistaticProblem, motion: DynamicOutcome) -> str:
     least, load = _NAMED_MOTION * motion.point_acceleration, problem.external_wrench[:3]
     parts = []
     if np.linalg.norm(linear) > least or turning <= least:
-        parts.append(_moving(_unit(linear), _unit(load), motion.states))
+        parts.append(_translation_words(_unit_vector(linear), _unit_vector(load), motion.states))
     if turning > least:
-        axis = _unit(angular)
-        word = "tilt" if abs(float(axis @ _unit(load))) < _SAME_WAY else "turn"
-        parts.append(f"{word} about {_axis(axis)}")
+        axis = _unit_vector(angular)
+        word = "tilt" if abs(float(axis @ _unit_vector(load))) < _SAME_WAY else "turn"
+        parts.append(f"{word} about {_direction_words(axis)}")
     return f"{' and '.join(parts)}{fast}"
 
 
-def _moving(direction: FloatArray, load: FloatArray, states: tuple[ContactState, ...]) -> str:
+def _translation_words(
+    direction: FloatArray, load: FloatArray, states: tuple[ContactState, ...]
+) -> str:
     """Return a verb and where to."""
     down = float(direction @ load)
     if down > _SAME_WAY and set(states) == {ContactState.OPEN}:
@@ -125,10 +127,10 @@ def _moving(direction: FloatArray, load: FloatArray, states: tuple[ContactState,
     if abs(down) > _SAME_WAY:
         return f"{verb} {'down' if down > 0.0 else 'up'}"
     where = "sideways " if abs(down) < _SIDEWAYS else "down " if down > 0.0 else "up "
-    return f"{verb} {where if load.any() else ''}along {_axis(direction)}"
+    return f"{verb} {where if load.any() else ''}along {_direction_words(direction)}"
 
 
-def _axis(direction: FloatArray) -> str:
+def _direction_words(direction: FloatArray) -> str:
     """Return a direction: a world axis, or its components."""
     largest = int(np.argmax(np.abs(direction)))
     if abs(direction[largest]) > _SAME_WAY:
@@ -151,7 +153,7 @@ def state_words(states: Sequence[ContactState], words: Mapping[ContactState, str
     return "; ".join(parts)
 
 
-def _unit(vector: FloatArray) -> FloatArray:
+def _unit_vector(vector: FloatArray) -> FloatArray:
     length = float(np.linalg.norm(vector))
     return vector / length if length > 0.0 else vector
 
@@ -191,7 +193,9 @@ def stability(
         >>> print(stability(problem, maximize_margin(problem).torques))
         holds: the object provably stays at rest (75 LPs); no small motion grows
     """
-    return _verdict(*_asked(problem, torques, acceleration_resolution, node_limit, time_limit))
+    return _decided_verdict(
+        *_blank_verdict(problem, torques, acceleration_resolution, node_limit, time_limit)
+    )
 
 
 def counterexamples(verdict: StabilityVerdict, most: int) -> list[DynamicOutcome]:
@@ -201,10 +205,10 @@ def counterexamples(verdict: StabilityVerdict, most: int) -> list[DynamicOutcome
         verdict: With a motion, or without one: then there are none.
         most: How many others.
     """
-    dynamics = None if verdict.motion is None else _dynamics(verdict)[0]
+    dynamics = None if verdict.motion is None else _scaled_dynamics(verdict)[0]
     if verdict.motion is None or dynamics is None:
         return []
-    others = islice(found_motions(dynamics), most)
+    others = islice(search_motions(dynamics), most)
     return [verdict.motion] + [outcome_record(verdict.problem, dynamics, one) for one in others]
 
 
@@ -222,11 +226,11 @@ def undecided_verdict(
     Raises:
         ArgumentError: If an argument is wrong.
     """
-    blank, _ = _asked(problem, torques, acceleration_resolution, node_limit, time_limit)
+    blank, _ = _blank_verdict(problem, torques, acceleration_resolution, node_limit, time_limit)
     return replace(blank, message=message)
 
 
-def _asked(
+def _blank_verdict(
     problem: QuasistaticProblem,
     torques: ArrayLike | Mapping[str, float],
     acceleration_resolution: float,
@@ -257,46 +261,46 @@ def _asked(
     return blank, limits
 
 
-def _verdict(blank: StabilityVerdict, limits: Limits) -> StabilityVerdict:
+def _decided_verdict(blank: StabilityVerdict, limits: Limits) -> StabilityVerdict:
     """Ask the cheapest question first."""
     problem, torques = blank.problem, blank.torques
     if why := problem.cone_model.no_verdict:
         return replace(blank, message=why)
     try:
-        dynamics, nothing_moves = _dynamics(blank)
+        dynamics, nothing_moves = _scaled_dynamics(blank)
     except np.linalg.LinAlgError:
         why = "undecided: the inertias differ by more than double precision resolves"
         return replace(blank, message=why)
     commanded = commanded_forces(problem, torques)
     # Where friction rubs its power has no sign: no certificate is one.
     known, proof = (blank, None) if slides_with_friction(problem).any() else (
-        _certified(blank, (), commanded, dynamics)
+        _try_certificate(blank, (), commanded, dynamics)
     )  # fmt: skip
     if known.rest_forces is not None and proof is not None:
-        return _strong(known, proof)
+        return _strong_verdict(known, proof)
     rest = balance(problem, torques)
     if rest is None:
         return replace(known, message="undecided: no solver could balance the forces")
     known = replace(known, programs=known.programs + rest.programs)
     if not rest.is_rest:
-        return _none(known, rest.proof, dynamics, limits)
+        return _no_rest_verdict(known, rest.proof, dynamics, limits)
     known = replace(known, rest_forces=world_forces(problem, rest.forces * problem.scales.force))
     if nothing_moves:
         proof = RestProof((), known.rest_forces, None, np.inf)
     if proof is not None:
-        return _strong(known, proof)
+        return _strong_verdict(known, proof)
     if dynamics is None:
-        why = f"undecided: {_possible(problem)}; object_inertia and joint_inertia would tell more"
+        why = f"undecided: {_rest_words(problem)}; object_inertia and joint_inertia would tell more"
         return replace(known, message=why)
-    return _searched(known, dynamics, commanded, limits)
+    return _searched_verdict(known, dynamics, commanded, limits)
 
 
-def _possible(problem: QuasistaticProblem) -> str:
+def _rest_words(problem: QuasistaticProblem) -> str:
     """Return in words that what is asked for is an outcome."""
     return f"the object can {'keep its motion' if problem.is_sliding.any() else 'stay'}"
 
 
-def _strong(known: StabilityVerdict, proof: RestProof) -> StabilityVerdict:
+def _strong_verdict(known: StabilityVerdict, proof: RestProof) -> StabilityVerdict:
     problem, torques, forces = known.problem, known.torques, known.rest_forces
 
     def supporting_forces() -> FloatArray:
@@ -306,12 +310,12 @@ def _strong(known: StabilityVerdict, proof: RestProof) -> StabilityVerdict:
         found = bearing_forces(problem, torques, local)
         return world_forces(problem, found * problem.scales.force)
 
-    small = rolling_without_scene(problem, supporting_forces)
+    small = small_motions_without_scene(problem, supporting_forces)
     known = replace(known, status=Stability.STRONG, proof=proof, small_motions=small)
     return replace(known, message=strong_words(known))
 
 
-def _dynamics(blank: StabilityVerdict) -> tuple[Dynamics | None, bool]:
+def _scaled_dynamics(blank: StabilityVerdict) -> tuple[Dynamics | None, bool]:
     """Return the scaled dynamics, if inertias are known, and whether there is no load at all."""
     problem = blank.problem
     inertia = whole_inertia(problem)
@@ -323,7 +327,7 @@ def _dynamics(blank: StabilityVerdict) -> tuple[Dynamics | None, bool]:
     return dynamics, dynamics is None
 
 
-def _certified(
+def _try_certificate(
     known: StabilityVerdict,
     loads: tuple[LoadProof, ...],
     commanded: FloatArray,
@@ -334,8 +338,10 @@ def _certified(
     Forces that only nearly balance the load may prove that nothing moves fast, and those that lean
     on proven loads may leave their cones: neither are forces of rest.
     """
-    normal_forces = at_least(commanded, loads)
-    found, proof = certified(known.problem, known.torques, normal_forces, loads, dynamics)
+    normal_forces = with_proven_loads(commanded, loads)
+    found, proof = balance_and_certificate(
+        known.problem, known.torques, normal_forces, loads, dynamics
+    )
     if found is not None:
         known = replace(known, programs=known.programs + found.programs)
         if proof is not None and not loads and found.is_rest:
@@ -343,7 +349,7 @@ def _certified(
     return known, proof
 
 
-def _searched(
+def _searched_verdict(
     known: StabilityVerdict, dynamics: Dynamics, commanded: FloatArray, limits: Limits
 ) -> StabilityVerdict:
     """Find the loads of the fingers, look for a motion, then go through all outcomes.
@@ -356,32 +362,32 @@ def _searched(
         loads, programs = proven_loads(dynamics, commanded / unit, most)
         known = replace(known, programs=known.programs + programs)
     if loads:
-        known, proof = _certified(known, loads, commanded, dynamics)
+        known, proof = _try_certificate(known, loads, commanded, dynamics)
         if proof is not None:
-            return _strong(known, proof)
+            return _strong_verdict(known, proof)
     forces = find_motion(dynamics)
     if forces is None:
         begun = time.thread_time()
         if sliding_friction:
-            found = other_motion(dynamics, most, limits.end)
+            found = search_other_motion(dynamics, most, limits.end)
         else:
-            least = at_least(commanded, loads) / unit
+            least = with_proven_loads(commanded, loads) / unit
             found = branch(dynamics, Relaxation(dynamics, least, most), limits.end)
         programs, seconds = known.programs + found.programs, time.thread_time() - begun
         known = replace(known, programs=programs, nodes=found.nodes, seconds=seconds)
         forces = found.motion
         if found.tree is not None:
-            leaving = () if sliding_friction else _leaving(known, dynamics, most)
+            leaving = () if sliding_friction else _leaving_joints(known, dynamics, most)
             proof = RestProof(loads, None, found.tree, most * unit)
-            return _strong(replace(known, leaving=leaving), proof)
+            return _strong_verdict(replace(known, leaving=leaving), proof)
         if forces is None:
             resists = state_words(found.resisting) or "no contact's state is known"
             what = f"; what resists: {resists}" if sliding_friction else ""
-            return _unproven(known, limits, f"{found.remaining} left{what}")
-    return _weak(known, outcome_record(known.problem, dynamics, forces))
+            return _unproven_verdict(known, limits, f"{found.remaining} left{what}")
+    return _weak_verdict(known, outcome_record(known.problem, dynamics, forces))
 
 
-def _leaving(known: StabilityVerdict, dynamics: Dynamics, most: float) -> tuple[str, ...]:
+def _leaving_joints(known: StabilityVerdict, dynamics: Dynamics, most: float) -> tuple[str, ...]:
     """Return the joints that may leave the object by themselves while the others keep it at rest.
 
     Proofs by branching leave aside what joints do by themselves. Rest is an outcome for these, too,
@@ -402,12 +408,12 @@ def _leaving(known: StabilityVerdict, dynamics: Dynamics, most: float) -> tuple[
         aside = without_free_joints(dynamics, opened, most).aside
         if not aside.any() or (dynamics.rows[opened, 0] @ aside < -dynamics.resolution).any():
             continue
-        if _balanced(known, ~own, opened) is not None:
+        if _partial_rest_forces(known, ~own, opened) is not None:
             leaving |= own
     return tuple(problem.joint_names[joint] for joint in np.flatnonzero(leaving))
 
 
-def _balanced(
+def _partial_rest_forces(
     known: StabilityVerdict, joints: NDArray[np.bool_], opened: NDArray[np.bool_] | None = None
 ) -> FloatArray | None:
     """Return forces of rest of the object and some joints, the others left alone.
@@ -430,40 +436,40 @@ def _balanced(
     return None if found is None or not found.is_rest else found.forces
 
 
-def _unproven(known: StabilityVerdict, limits: Limits, open_sets: str) -> StabilityVerdict:
+def _unproven_verdict(known: StabilityVerdict, limits: Limits, open_sets: str) -> StabilityVerdict:
     motion = "other motion" if known.problem.is_sliding.any() else "motion"
-    why = f"undecided: {_possible(known.problem)}, but {motion} was not ruled out "
+    why = f"undecided: {_rest_words(known.problem)}, but {motion} was not ruled out "
     why += f"({known.nodes} sets of outcomes looked at, {open_sets})"
     most = limits.node_limit or 0
     more = max(_MORE * most, BRIEF_NODE_LIMIT) if known.nodes >= most else 0
     return replace(known, next_nodes=more, message=why)
 
 
-def _weak(known: StabilityVerdict, motion: DynamicOutcome) -> StabilityVerdict:
+def _weak_verdict(known: StabilityVerdict, motion: DynamicOutcome) -> StabilityVerdict:
     message = "may lose its motion" if known.problem.is_sliding.any() else "may fail"
     message += f": the object can {motion_words(known.problem, motion)}"
     return replace(known, status=Stability.WEAK, motion=motion, message=message)
 
 
-def _none(
+def _no_rest_verdict(
     known: StabilityVerdict, proof: FloatArray, dynamics: Dynamics | None, limits: Limits
 ) -> StabilityVerdict:
     problem, torques = known.problem, known.torques
     # A proof that is no number proves nothing.
-    if not proves_unrest(problem, torques, proof) > BALANCE_TOLERANCE:
+    if not residual_lower_bound(problem, torques, proof) > BALANCE_TOLERANCE:
         return replace(known, message="undecided: no forces of rest found, and no proof of it")
     forces = None if dynamics is None else find_motion(dynamics)
     motion, message = None, "loses its motion" if problem.is_sliding.any() else "fails"
     message += f": {'keeping the motion' if problem.is_sliding.any() else 'rest'} is no outcome"
     if dynamics is not None and forces is None and slides_with_friction(problem).any():
-        found = other_motion(dynamics, force_limit(problem, dynamics), limits.end)
+        found = search_other_motion(dynamics, force_limit(problem, dynamics), limits.end)
         known = replace(known, programs=known.programs + found.programs, nodes=found.nodes)
         forces = found.motion
         if found.tree is not None and found.tree.is_empty:
             message += ", and nothing else is: rubbing contacts jam"
     may_bend = problem.joint_count > 0 and not problem.is_sliding.any()
     if dynamics is not None and forces is None and may_bend:
-        forces = _with_object_at_rest(known, dynamics)
+        forces = _joint_motion_forces(known, dynamics)
     if dynamics is not None and forces is not None:
         motion = outcome_record(problem, dynamics, forces)
         message += f"; the object can {motion_words(problem, motion)}"
@@ -475,14 +481,14 @@ def _none(
     return known
 
 
-def _with_object_at_rest(known: StabilityVerdict, dynamics: Dynamics) -> FloatArray | None:
+def _joint_motion_forces(known: StabilityVerdict, dynamics: Dynamics) -> FloatArray | None:
     """Return scaled forces of an outcome in which joints alone move; None where none was found."""
     problem = known.problem
     anything = replace(dynamics, limit=-inf)
     acting: NDArray[np.bool_] = np.any(problem.jacobian, axis=0)
     if not acting.all():
         # Where joints that act on no contact are left alone, the rest may balance.
-        found = _balanced(known, acting)
+        found = _partial_rest_forces(known, acting)
         if found is not None:
             forces = found * problem.scales.force / dynamics.force_unit
             start = forces if is_outcome(anything, forces) else polish(anything, forces)

@@ -71,10 +71,10 @@ def coulomb_gaps(dynamics: Dynamics, forces: FloatArray, slips: FloatArray) -> F
 
 def find_motion(dynamics: Dynamics) -> FloatArray | None:
     """Return scaled forces of a moving outcome, None where the search found none."""
-    return next(found_motions(dynamics), None)
+    return next(search_motions(dynamics), None)
 
 
-def found_motions(dynamics: Dynamics) -> Iterator[FloatArray]:
+def search_motions(dynamics: Dynamics) -> Iterator[FloatArray]:
     """Yield scaled forces of moving outcomes, each in other contact states.
 
     The first start is without forces: what happens where contacts close without preload.
@@ -89,7 +89,7 @@ def found_motions(dynamics: Dynamics) -> Iterator[FloatArray]:
     turn *= rng.random((_STARTS - 1, count, 1)) / np.linalg.norm(turn, axis=2, keepdims=True)
     starts[1:, :, 1:] = turn * (dynamics.friction[:, None] * starts[1:, :, :1])
     tried: set[bytes] = set()
-    for forces in _relaxed(dynamics, starts):
+    for forces in _swept_forces(dynamics, starts):
         if dynamics.point_acceleration(dynamics.motion(forces)) > dynamics.limit:
             polished = polish(dynamics, forces, tried)
             if polished is not None:
@@ -98,11 +98,11 @@ def found_motions(dynamics: Dynamics) -> Iterator[FloatArray]:
 
 def settled_motion(dynamics: Dynamics, forces: FloatArray) -> FloatArray | None:
     """Return the moving outcome that sweeps from scaled (M, 3) forces end in, None if in none."""
-    settled = _relaxed(dynamics, forces[None], _LONG_SWEEPS, _LONG_SETTLED)[0]
+    settled = _swept_forces(dynamics, forces[None], _LONG_SWEEPS, _LONG_SETTLED)[0]
     return settled if is_outcome(dynamics, settled) else None
 
 
-def _relaxed(
+def _swept_forces(
     dynamics: Dynamics, starts: FloatArray, sweeps: int = _SWEEPS, settled: float = _SETTLED
 ) -> FloatArray:
     """Projected Gauss-Seidel with De Saxce's shift, all starts side by side: (K, M, 3).
@@ -179,13 +179,13 @@ def polish(
         if states in tried:
             continue
         tried.add(states)
-        found = _newton(dynamics, forces, opened, slipping)
+        found = _newton_polish(dynamics, forces, opened, slipping)
         if found is not None:
             return found
     return None
 
 
-def _newton(
+def _newton_polish(
     dynamics: Dynamics,
     forces: FloatArray,
     opened: NDArray[np.bool_],

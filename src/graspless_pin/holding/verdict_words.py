@@ -32,26 +32,26 @@ def strong_words(verdict: StabilityVerdict, fingers: Mapping[str, str] = NO_FING
         verdict: The verdict.
         fingers: The finger of a joint by the joint's name, where it is known.
     """
-    return _of_object(verdict) + _leaving_words(verdict.leaving, fingers)
+    return _object_words(verdict) + _leaving_words(verdict.leaving, fingers)
 
 
 def _leaving_words(joints: Sequence[str], fingers: Mapping[str, str]) -> str:
     """Return which fingers may leave; empty: none."""
     if not joints:
         return ""
-    who, several = _named(joints, fingers)
+    who, several = _joints_in_words(joints, fingers)
     alone, them = ("themselves", "them") if several else ("itself", "it")
     return f"; but {who} may move away by {alone}, as friction alone keeps {them}"
 
 
-def _named(joints: Sequence[str], fingers: Mapping[str, str]) -> tuple[str, bool]:
+def _joints_in_words(joints: Sequence[str], fingers: Mapping[str, str]) -> tuple[str, bool]:
     """Return joints in words, by their fingers where these are known, and if they are several."""
     of = sorted({fingers[name] for name in joints if name in fingers})
     kind, who = ("finger", of) if of else ("joint", joints)
     return f"{kind}{'s' * (len(who) > 1)} {first_few([*map(repr, who)])}", len(who) > 1
 
 
-def _of_object(verdict: StabilityVerdict) -> str:
+def _object_words(verdict: StabilityVerdict) -> str:
     """Return what a strong verdict says of the object."""
     count, free, small = verdict.programs, verdict.free_motions, verdict.small_motions
     proof = f"{count} LP{'s' if count != 1 else ''}"
@@ -76,7 +76,7 @@ def _lasting_words(verdict: StabilityVerdict, small: SmallMotions, proof: str) -
             f"{lead}{under}: the object provably stays at rest ({proof}); no small motion grows"
             f"{neutral}"
         )
-    grows = f"{small.moving}, growing at {_rounded(small.growth):g} /s{_surface_words(small)}"
+    grows = f"{small.moving}, growing at {_two_digits(small.growth):g} /s{_surface_words(small)}"
     needed = f"joint feedback of {_stable_words(small)}"
     stops = "no joint feedback stops it" if isinf(small.stiffness) else f"{needed} stops it"
     if small.depends_on_forces:
@@ -104,7 +104,7 @@ def _stable_words(small: SmallMotions) -> str:
     """Return which feedback stops what grows, such as "at least 2 N m/rad"."""
     parts = []
     for low, high in small.stable or ((small.stiffness, inf),):
-        least, most = f"{_rounded(low, up=True):g}", f"{_rounded(high):g}"
+        least, most = f"{_two_digits(low, up=True):g}", f"{_two_digits(high):g}"
         if isinf(high):
             parts.append(f"at least {least}")
         else:
@@ -117,7 +117,7 @@ def _surface_words(small: SmallMotions) -> str:
     rates = small.growth_by_surface
     if not rates or min(rates.values()) * _SAME_GROWTH >= max(rates.values()):
         return ""
-    facets, fitted = (_rounded(rates[name]) for name in ("facets", "fitted"))
+    facets, fitted = (_two_digits(rates[name]) for name in ("facets", "fitted"))
     return f" (on a mesh's facets {facets:g} /s, on a smooth surface fitted to them {fitted:g} /s)"
 
 
@@ -134,10 +134,10 @@ def finger_words(verdict: StabilityVerdict, fingers: Mapping[str, str]) -> str:
         unbalanced = np.abs(problem.joint_inertia @ motion.joint_accelerations)
     moving = np.flatnonzero(unbalanced >= _NAMED_TORQUE * unbalanced.max(initial=0.0))
     most = int(np.argmax(unbalanced))
-    who, several = _named([problem.joint_names[joint] for joint in moving], fingers)
+    who, several = _joints_in_words([problem.joint_names[joint] for joint in moving], fingers)
     moves = f"{who} {'move by themselves' if several else 'moves by itself'}"
     loads = "weight and contact forces" if problem.jacobian[:, moving].any() else "weight"
-    rest = f"{_rounded(float(unbalanced[most])):g} {problem.joint_units[most]}"
+    rest = f"{_two_digits(float(unbalanced[most])):g} {problem.joint_units[most]}"
     return (
         f"fails: {moves}: torques do not balance {loads}, {rest} are left over at joint "
         f"{problem.joint_names[most]!r}; the object stays in this outcome, which is not proven to "
@@ -145,7 +145,7 @@ def finger_words(verdict: StabilityVerdict, fingers: Mapping[str, str]) -> str:
     )
 
 
-def _rounded(value: float, *, up: bool = False) -> float:
+def _two_digits(value: float, *, up: bool = False) -> float:
     """Return two digits of a figure."""
     if value <= 0.0 or isinf(value):
         return value

@@ -21,7 +21,11 @@ from graspless_pin.geometry.contact.distances import near_pairs, separation
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.hand.work_space import Kinematics
 from graspless_pin.geometry.poses import invert, transformed
-from graspless_pin.planning.configurations import Configuration, Configurations, unlimited
+from graspless_pin.planning.configurations import (
+    Configuration,
+    Configurations,
+    without_joint_limits,
+)
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, read_only, unknown_name
 from graspless_pin.problem.own_arrays import problem_of_own_arrays
@@ -66,7 +70,7 @@ class AttachedConfigurations(Configurations):
         axes = scene.tangent_axes or _AXES
         super().__init__(scene if scene.tangent_axes else scene.with_changes(tangent_axes=axes))
         self.link = link
-        self.joint = joint = self._joint_of(link)
+        self.joint = joint = self._carrier_joint(link)
         tree = self.hand.tree
         behind = tree.supports[1:, joint - 1].copy()
         behind[joint - 1] = False
@@ -85,7 +89,7 @@ class AttachedConfigurations(Configurations):
     @cached_property
     def without_limits(self) -> AttachedConfigurations:
         """The same states, and those in which joints are outside their limits."""
-        return AttachedConfigurations(unlimited(self.scene), self.link)
+        return AttachedConfigurations(without_joint_limits(self.scene), self.link)
 
     @property
     def hand(self) -> Hand:
@@ -95,7 +99,7 @@ class AttachedConfigurations(Configurations):
             raise ArgumentError("attached_to", "the scene has no hand that could carry its object")
         return hand
 
-    def _joint_of(self, link: str) -> int:
+    def _carrier_joint(self, link: str) -> int:
         tree = self.hand.tree
         if not isinstance(link, str) or link not in tree.link_frames:
             raise unknown_name("attached_to", "link", str(link), self.hand.link_names)
@@ -165,41 +169,43 @@ class AttachedConfigurations(Configurations):
         if q is None:
             return scene
         hand = self.hand_at(q)
-        move = self._move(hand)
+        move = self._object_displacement(hand)
         fields: dict[str, Any] = {
             "hand": hand,
             "object": scene.object.with_pose(move @ scene.object.T_world_object),
             "tangent_axes": tuple([read_only(move[:3, :3] @ one) for one in scene.tangent_axes]),
         }
         if scene.given_contacts is not None:
-            fields["given_contacts"] = tuple([_moved(one, move) for one in scene.given_contacts])
+            fields["given_contacts"] = tuple(
+                [_moved_contact(one, move) for one in scene.given_contacts]
+            )
         return scene._changed(fields)
 
-    def answered_at(self, q: Any, T_world_object: Any, twist: Any) -> Scene:
+    def solved_scene_at(self, q: Any, T_world_object: Any, twist: Any) -> Scene:
         """Return the scene in one state, with the contacts that the answer is for."""
         scene = self.scene_at(q, T_world_object, twist)
         if scene is self.scene or scene.given_contacts is not None or scene.hand is None:
             return scene
-        move, own = self._move(scene.hand), self.touching
+        move, own = self._object_displacement(scene.hand), self.touching
         R, t = move[:3, :3], move[:3, 3]
         moved = ContactArrays(
             own.bodies, own.kinds, own.positions @ R.T + t, own.normals @ R.T, own.distances
         )
         return with_touching(scene, moved)
 
-    def _move(self, hand: Hand) -> FloatArray:
+    def _object_displacement(self, hand: Hand) -> FloatArray:
         """Return (4, 4) how the object has moved since the scene, world axes, m."""
         return self._T_world_joint(hand) @ self._T_joint_world
 
     def hand_at(self, q: Configuration) -> Hand:
         """Return the hand at a configuration: see `Configurations.hand_at`."""
         if isinstance(q, Mapping):
-            return self.hand.with_configuration(self._named(q))
+            return self.hand.with_configuration(self._named_positions(q))
         positions = self._start.copy()
-        positions[self._free] = self._values(q)
+        positions[self._free] = self._position_array(q)
         return self.hand.with_configuration(positions)
 
-    def _named(self, q: Mapping[str, float]) -> dict[str, float]:
+    def _named_positions(self, q: Mapping[str, float]) -> dict[str, float]:
         for name in q:
             if name in self.fixed_joints:
                 raise ArgumentError(
@@ -207,7 +213,7 @@ class AttachedConfigurations(Configurations):
                     f"joint {name!r} holds the object, which moves with link {self.link!r} "
                     "(attached_to), and stays as it is in the scene; leave it out",
                 )
-        return super()._named(q)
+        return super()._named_positions(q)
 
     def coupling(self) -> tuple[FloatArray, FloatArray]:
         """Return (n, a) and (n,) matrix and offset from a configuration to all positions."""
@@ -216,18 +222,18 @@ class AttachedConfigurations(Configurations):
         return S[:, self._free], offset + S[:, fixed] @ self._start[fixed]
 
     @property
-    def fastest(self) -> FloatArray:
+    def rate_limits(self) -> FloatArray:
         """(a,) largest rates of the joints, rad/s or m/s; infinite where files state none."""
         return self.hand.tree.fastest[self._free]
 
     @cached_property
-    def beside(self) -> NDArray[np.bool_]:
+    def moves_apart(self) -> NDArray[np.bool_]:
         """(G,) which of the hand's collision shapes do not move with the link."""
         carriers, _ = self.hand.tree.shape_placements
         return ~self.hand.tree.supports[carriers, self.joint - 1]
 
     @cached_property
-    def motors(self) -> FloatArray:
+    def motor_map(self) -> FloatArray:
         """(n, L) the torques of all joints become those of the problem's joints by it."""
         own = self.hand.actuation.from_joints
         count = len(jointed_contacts(self.scene).joints.names)
@@ -245,7 +251,7 @@ class AttachedConfigurations(Configurations):
         """(4, 4) pose of the object in the frame of the joint, m."""
         return self._T_joint_world @ self.scene.object.T_world_object
 
-    def in_axes(self, kinematics: Kinematics, wrenches: FloatArray) -> FloatArray:
+    def wrenches_in_link_axes(self, kinematics: Kinematics, wrenches: FloatArray) -> FloatArray:
         """Return (..., 6) wrenches in the axes of the joint that carries the link.
 
         Args:
@@ -256,14 +262,15 @@ class AttachedConfigurations(Configurations):
         turned = wrenches.reshape(*wrenches.shape[:-1], 2, 3) @ R
         return turned.reshape(*turned.shape[:-2], 6)
 
-    def carrying(
+    def torques_with_load(
         self, kinematics: Kinematics, wrenches: FloatArray, torques: FloatArray
     ) -> FloatArray:
         """Return (..., n) the torques of all joints, of which those that carry the link bear it.
 
         Args:
             kinematics: Where the hand is.
-            wrenches: See `in_axes`; whatever contact forces balance them, they are borne.
+            wrenches: See `wrenches_in_link_axes`; the link carries them, whatever the contact
+                forces that balance them.
             torques: (..., n) that the hand's own links need, N m or N.
         """
         T, J = kinematics.T_world_joint[..., self.joint, :, :], kinematics.J
@@ -298,17 +305,17 @@ class AttachedConfigurations(Configurations):
         """
         R = self.axes_at(scene)
         if not self.motors_carry:
-            return turned_problem(problem, R.T)
+            return rotated_problem(problem, R.T)
         hand, center = scene.hand or self.hand, scene.object.center_of_mass_world
         J, links = problem.jacobian.copy(), (self.link,) * len(problem.positions)
         carried = hand.contact_jacobian(links, problem.positions + center)
         J[:, : carried.shape[1]] -= carried
-        kinematics, nothing = hand.tree.kinematics(hand.positions), np.zeros(len(self.motors))
-        load_torques = self.carrying(kinematics, problem.external_wrench, nothing)
-        weights = problem.gravity_torques + load_torques @ self.motors
-        return turned_problem(problem, R.T, jacobian=J, gravity_torques=weights)
+        kinematics, nothing = hand.tree.kinematics(hand.positions), np.zeros(len(self.motor_map))
+        load_torques = self.torques_with_load(kinematics, problem.external_wrench, nothing)
+        weights = problem.gravity_torques + load_torques @ self.motor_map
+        return rotated_problem(problem, R.T, jacobian=J, gravity_torques=weights)
 
-    def overlap(self, scene: Scene) -> str:
+    def object_overlap(self, scene: Scene) -> str:
         """Return what the object is in deeper than ``max_penetration``; empty: in nothing.
 
         The links that hold it are as deep in it as they are in the evaluator's scene.
@@ -318,7 +325,7 @@ class AttachedConfigurations(Configurations):
         around = [
             (one.placed_bodies, np.ones(len(one.placed_bodies), bool)) for one in scene.supports
         ]
-        for bodies, counts in [*around, (hand.placed_bodies, self.beside)]:
+        for bodies, counts in [*around, (hand.placed_bodies, self.moves_apart)]:
             for p, k in near_pairs(placed, bodies, -depth):
                 deep = -separation(placed[p], bodies[k]).distance if counts[k] else 0.0
                 if deep > depth:
@@ -329,7 +336,7 @@ class AttachedConfigurations(Configurations):
         return ""
 
 
-def turned_problem(
+def rotated_problem(
     problem: QuasistaticProblem,
     R: FloatArray,
     *,
@@ -349,7 +356,7 @@ def turned_problem(
     return problem_of_own_arrays(
         problem.positions @ R.T,
         problem.normals @ R.T,
-        _turned(problem.external_wrench, R),
+        _rotated(problem.external_wrench, R),
         (R @ blocks).reshape(J.shape),
         friction=problem.friction,
         tangents=R @ problem.tangents,
@@ -364,7 +371,7 @@ def turned_problem(
     )
 
 
-def turned_solution(
+def rotated_solution(
     solution: TorqueSolution, problem: QuasistaticProblem, R: FloatArray
 ) -> TorqueSolution:
     """Return the solution of a problem from that of the same problem in other axes.
@@ -377,43 +384,43 @@ def turned_solution(
     found, forces = solution.evidence, solution._forces
     evidence = replace(
         found,
-        relaxation=_turned_multipliers(found.relaxation, R),
-        in_mode=_turned_multipliers(found.in_mode, R),
+        relaxation=_rotated_multipliers(found.relaxation, R),
+        in_mode=_rotated_multipliers(found.in_mode, R),
         forces=None if found.forces is None else read_only(found.forces @ R.T),
-        motion=None if found.motion is None else read_only(_turned(found.motion, R)),
+        motion=None if found.motion is None else read_only(_rotated(found.motion, R)),
     )
     forces = None if forces is None else read_only(forces @ R.T)
     return replace(solution, problem=problem, evidence=evidence, _forces=forces)
 
 
-def turned_optimum(optimum: WarmOptimum, R: FloatArray) -> WarmOptimum:
+def rotated_optimum(optimum: WarmOptimum, R: FloatArray) -> WarmOptimum:
     """Return an optimum in other axes.
 
     Args:
         optimum: The optimum.
         R: (3, 3) turns vectors into those axes.
     """
-    motion = _turned(optimum.scale * optimum.motion, R)
+    motion = _rotated(optimum.scale * optimum.motion, R)
     return optimum._replace(
         forces=optimum.forces @ R.T,
-        multipliers=_turned(optimum.multipliers, R),
+        multipliers=_rotated(optimum.multipliers, R),
         motion=motion,
         scale=np.ones(len(motion)),
     )
 
 
-def _turned_multipliers(multipliers: DualVariables | None, R: FloatArray) -> DualVariables | None:
+def _rotated_multipliers(multipliers: DualVariables | None, R: FloatArray) -> DualVariables | None:
     if multipliers is None:
         return None
     y, z = multipliers
-    return read_only(_turned(y, R)), z
+    return read_only(_rotated(y, R)), z
 
 
-def _turned(vector: FloatArray, R: FloatArray) -> FloatArray:
+def _rotated(vector: FloatArray, R: FloatArray) -> FloatArray:
     """Turn the first two vectors of three of (6 + k,) numbers; the others stay."""
     return np.concatenate([R @ vector[:3], R @ vector[3:6], vector[6:]])
 
 
-def _moved(contact: GivenContact, move: FloatArray) -> GivenContact:
+def _moved_contact(contact: GivenContact, move: FloatArray) -> GivenContact:
     R, t = move[:3, :3], move[:3, 3]
     return GivenContact(contact.body, R @ contact.position + t, R @ contact.normal)

@@ -64,7 +64,7 @@ class ProblemRates:
     jacobian: FloatArray
     gravity_torques: FloatArray
 
-    def reduced(self, coupling: FloatArray) -> ProblemRates:
+    def by_independent_joints(self, coupling: FloatArray) -> ProblemRates:
         """Return those by the independent joints and the motions after the joints.
 
         Args:
@@ -77,7 +77,7 @@ class ProblemRates:
         }
         return ProblemRates(**parts)
 
-    def chained(self, by: Gradients) -> FloatArray:
+    def chain_rule(self, by: Gradients) -> FloatArray:
         """Return (k,) what derivatives by the data come to."""
         return sum(
             (
@@ -304,7 +304,7 @@ def configuration_gradient(
     coupling = scene.hand.tree.coupling
     rates = problem_rates(scene, columns, problem.joint_count, contacts)
     values, *others = [
-        rates.chained(gradients_at(data.solution, point)) @ coupling.S
+        rates.chain_rule(gradients_at(data.solution, point)) @ coupling.S
         for point in (data.point, *data.alternatives)
     ]
     distances = np.array(scene.contacts.arrays.distances[: len(gaps)])

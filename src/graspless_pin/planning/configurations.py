@@ -90,14 +90,14 @@ def pins_of(scene: Scene, entries: Sequence[PinEntry]) -> tuple[Pin, ...]:
         raise ArgumentError("pins", "needs at least one pair of bodies, e.g. ('finger_tip', 'box')")
     pins: list[Pin] = []
     for index, entry in enumerate(entries):
-        pins += _resolved(scene, f"pins[{index}]", entry)
-    return tuple(sorted(pins, key=lambda pin: _other_body(scene, pin) not in _links(scene)))
+        pins += _pins_of_entry(scene, f"pins[{index}]", entry)
+    return tuple(sorted(pins, key=lambda pin: _other_body(scene, pin) not in _link_names(scene)))
 
 
-def _resolved(scene: Scene, name: str, entry: PinEntry) -> list[Pin]:
+def _pins_of_entry(scene: Scene, name: str, entry: PinEntry) -> list[Pin]:
     if isinstance(entry, str) or not np.iterable(entry) or len(entry) not in (2, 3):
         raise ArgumentError(name, f"needs two bodies and perhaps a direction, got {entry!r}")
-    own, links = scene.object.name, _links(scene)
+    own, links = scene.object.name, _link_names(scene)
     known = [own, *links, *(support.name for support in scene.supports)]
     bodies = [own if body == "object" else str(body) for body in entry[:2]]
     for body in bodies:
@@ -107,16 +107,16 @@ def _resolved(scene: Scene, name: str, entry: PinEntry) -> list[Pin]:
         raise ArgumentError(name, f"pairs {bodies}; one of the two has to be the object, {own!r}")
     first, second = bodies
     for body in (first, second):
-        if not _placed(scene, body)[0]:
+        if not _placed_shapes(scene, body)[0]:
             raise ArgumentError(name, f"{body!r} has no collision shape")
     plane = None
     if len(entry) == 3:
-        plane = face_along(name, *_placed(scene, second), unit_vector(name, entry[2]))
+        plane = face_along(name, *_placed_shapes(scene, second), unit_vector(name, entry[2]))
     pin = Pin(first, second, plane)
-    patch = nearest_patch(*_bodies(scene, pin))
+    patch = nearest_patch(*_pin_bodies(scene, pin))
     if len(patch.gaps) == 1:
         return [pin]
-    to_first, to_second = (invert(_placed(scene, body)[1]) for body in (first, second))
+    to_first, to_second = (invert(_placed_shapes(scene, body)[1]) for body in (first, second))
     n = patch.normal
     pins = []
     for middle, gap in zip(patch.points, patch.gaps, strict=True):
@@ -130,13 +130,13 @@ def _resolved(scene: Scene, name: str, entry: PinEntry) -> list[Pin]:
 def pinned_point(scene: Scene, pin: Pin) -> PinnedPoint:
     """Return where a pin of a scene is in one of its states."""
     if pin.point is None or pin.plane is None:
-        patch = nearest_patch(*_bodies(scene, pin))
+        patch = nearest_patch(*_pin_bodies(scene, pin))
         nearest = int(np.argmin(patch.gaps))
         n, middle, gap = patch.normal, patch.points[nearest], patch.gaps[nearest]
     else:
-        T = _placed(scene, pin.second)[1]
+        T = _placed_shapes(scene, pin.second)[1]
         n = -T[:3, :3] @ pin.plane[0]
-        place = transformed(_placed(scene, pin.first)[1], pin.point)
+        place = transformed(_placed_shapes(scene, pin.first)[1], pin.point)
         gap = float(-n @ (place - T[:3, 3])) - pin.plane[1]
         middle = place + 0.5 * gap * n
     into = n if pin.second == scene.object.name else -n
@@ -163,7 +163,7 @@ def pin_rates(scene: Scene, columns: JointColumns | None, at: PinnedPoint) -> Ra
         for body, end in zip((pin.first, pin.second), ends, strict=True)
     )
     if pin.point is None:
-        bodies = _bodies(scene, pin)
+        bodies = _pin_bodies(scene, pin)
         found = nearest_rates(*bodies, nearest_patch(*bodies), (first, second))
     else:
         found = rates_over_face(n, gap, first, second)
@@ -192,18 +192,18 @@ def _other_body(scene: Scene, pin: Pin) -> str:
     return pin.first if pin.second == scene.object.name else pin.second
 
 
-def _links(scene: Scene) -> tuple[str, ...]:
+def _link_names(scene: Scene) -> tuple[str, ...]:
     return () if scene.hand is None else scene.hand.link_names
 
 
-def _bodies(scene: Scene, pin: Pin) -> tuple[Sequence[CollisionBody], Sequence[CollisionBody]]:
-    second, T = _placed(scene, pin.second)
+def _pin_bodies(scene: Scene, pin: Pin) -> tuple[Sequence[CollisionBody], Sequence[CollisionBody]]:
+    second, T = _placed_shapes(scene, pin.second)
     if pin.plane is not None:
         second = [half_space(pin.second, *pin.plane, T)]
-    return _placed(scene, pin.first)[0], second
+    return _placed_shapes(scene, pin.first)[0], second
 
 
-def _placed(scene: Scene, name: str) -> tuple[Sequence[CollisionBody], FloatArray]:
+def _placed_shapes(scene: Scene, name: str) -> tuple[Sequence[CollisionBody], FloatArray]:
     """Return the collision shapes of a body, and the (4, 4) pose of its own frame."""
     if name == scene.object.name:
         return scene.object.placed_bodies, scene.object.T_world_object
@@ -234,7 +234,7 @@ class Configurations:
     def __init__(self, scene: Scene, pins: Sequence[PinEntry] | None = None) -> None:
         """Take the scene, and what is pinned in it: see `Evaluator`."""
         self.pins = None if pins is None else pins_of(scene, pins)
-        self.scene = scene if self.pins is None else _pinned(scene, self.pins)
+        self.scene = scene if self.pins is None else _with_pinned_contacts(scene, self.pins)
         self._hand = hand = scene.hand
         self.joint_names: tuple[str, ...] = ()
         self.joint_units: tuple[str, ...] = ()
@@ -256,7 +256,7 @@ class Configurations:
             ArgumentError: If a joint is unknown, a number not finite, the shape wrong, or a joint
                 outside its limits.
         """
-        positions = self._named(q) if isinstance(q, Mapping) else self._values(q)
+        positions = self._named_positions(q) if isinstance(q, Mapping) else self._position_array(q)
         return None if self._hand is None else self._hand.with_configuration(positions)
 
     def array(self, q: Configuration) -> FloatArray:
@@ -269,15 +269,15 @@ class Configurations:
             ArgumentError: As for `hand_at`, but joints may be outside their limits.
         """
         if not isinstance(q, Mapping):
-            return self._values(q).copy()
+            return self._position_array(q).copy()
         now: Mapping[str, float] = {} if self._hand is None else self._hand.q
-        named = self._named(q)
+        named = self._named_positions(q)
         if not named.keys() <= set(self.joint_names):
             self.without_limits.hand_at(named)  # refuses one that is not where its leaders take it
         positions = {**now, **named}
         return np.array([positions[name] for name in self.joint_names])
 
-    def row(self, q: Configuration | None) -> FloatArray | None:
+    def position_row(self, q: Configuration | None) -> FloatArray | None:
         """Return (a,) positions of `joint_names`; None where a joint is named that follows others.
 
         Args:
@@ -301,7 +301,7 @@ class Configurations:
     @cached_property
     def without_limits(self) -> Configurations:
         """The same states, and those in which joints are outside their limits."""
-        free = Configurations(unlimited(self.scene))
+        free = Configurations(without_joint_limits(self.scene))
         free.pins = self.pins
         return free
 
@@ -316,11 +316,11 @@ class Configurations:
         """Return the problem of a state as states with the same contacts share it."""
         return problem
 
-    def overlap(self, scene: Scene) -> str:  # noqa: ARG002
+    def object_overlap(self, scene: Scene) -> str:  # noqa: ARG002
         """Return what the object is in that a scene's contacts do not tell; empty: in nothing."""
         return ""
 
-    def answered_at(
+    def solved_scene_at(
         self,
         q: Configuration | None,
         T_world_object: ArrayLike | None,
@@ -346,9 +346,9 @@ class Configurations:
                 twist if isinstance(twist, Motion) else Motion(finite_array("twist", twist, (6,)))
             )
         scene = self.scene.with_changes(**changes)
-        return scene if self.pins is None else _pinned(scene, self.pins)
+        return scene if self.pins is None else _with_pinned_contacts(scene, self.pins)
 
-    def _named(self, q: Mapping[str, float]) -> dict[str, float]:
+    def _named_positions(self, q: Mapping[str, float]) -> dict[str, float]:
         known = () if self._hand is None else self._hand.joint_names
         for name in q:
             if name not in known:
@@ -356,7 +356,7 @@ class Configurations:
         values = finite_array("q", list(q.values()), (len(q),)).tolist()
         return dict(zip(q, values, strict=True))
 
-    def _values(self, q: ArrayLike) -> FloatArray:
+    def _position_array(self, q: ArrayLike) -> FloatArray:
         shape = (len(self.joint_names),)
         if (
             isinstance(q, np.ndarray)
@@ -368,12 +368,12 @@ class Configurations:
         return finite_array("q", q, shape)
 
 
-def _pinned(scene: Scene, pins: Sequence[Pin]) -> Scene:
+def _with_pinned_contacts(scene: Scene, pins: Sequence[Pin]) -> Scene:
     """Return a scene with its contacts where the pins are."""
     return scene.with_changes(given_contacts=[pinned_point(scene, pin).contact for pin in pins])
 
 
-def unlimited(scene: Scene) -> Scene:
+def without_joint_limits(scene: Scene) -> Scene:
     """Return a scene whose joints may go anywhere."""
     hand = scene.hand
     if hand is None:

@@ -74,15 +74,15 @@ class ContactProgram:
             most: Largest x.
         """
         low, high = [-_MOST_ACCELERATION, 0.0], [_MOST_ACCELERATION, most]
-        self._ask(wrench, torques, low, high, self._margin)
+        self._set_point(wrench, torques, low, high, self._margin)
         axes = np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]])
-        ends = [corner for axis in axes if (corner := self._farthest(axis)) is not None]
+        ends = [corner for axis in axes if (corner := self._farthest_corner(axis)) is not None]
         if len(ends) < len(axes):
             return None
         box = np.ptp(ends, axis=0)
         corners = list[FloatArray]()
         for first, second in zip(ends, [*ends[1:], ends[0]], strict=True):
-            corners += [first, *self._between(first, second, np.where(box > 0.0, box, 1.0))]
+            corners += [first, *self._corners_between(first, second, np.where(box > 0.0, box, 1.0))]
         steps = np.roll(corners, -1, axis=0) - corners
         out = np.column_stack([steps[:, 1], -steps[:, 0]])
         rows = np.vstack(
@@ -98,7 +98,7 @@ class ContactProgram:
         The first two arguments are those of `polygon`.
         """
         problem = self._problem
-        self._ask(wrench, torques, [u, x], [u, x], -np.inf)
+        self._set_point(wrench, torques, [u, x], [u, x], -np.inf)
         cost = np.zeros(len(self._low))
         cost[-1] = -1.0
         self._simplex.set_cost(cost)
@@ -115,7 +115,7 @@ class ContactProgram:
         margin = float(slacks.min())
         return margin, tuple(np.flatnonzero(slacks <= margin + MARGIN_SLACK * scale).tolist())
 
-    def _between(
+    def _corners_between(
         self, first: FloatArray, second: FloatArray, box: FloatArray, depth: int = _MOST_HALVINGS
     ) -> list[FloatArray]:
         """Return the corners between two that follow each other counterclockwise."""
@@ -124,16 +124,16 @@ class ContactProgram:
         if length <= _NEAR_SIDE or not depth:
             return []
         out = np.array([side[1], -side[0]]) / length
-        corner = self._farthest(out / box)
+        corner = self._farthest_corner(out / box)
         if corner is None or out @ ((corner - first) / box) <= _NEAR_SIDE:
             return []
         return [
-            *self._between(first, corner, box, depth - 1),
+            *self._corners_between(first, corner, box, depth - 1),
             corner,
-            *self._between(corner, second, box, depth - 1),
+            *self._corners_between(corner, second, box, depth - 1),
         ]
 
-    def _farthest(self, d: FloatArray) -> FloatArray | None:
+    def _farthest_corner(self, d: FloatArray) -> FloatArray | None:
         """Return the (u, x) that is farthest along a direction."""
         cost = np.zeros(len(self._low))
         cost[-3:-1] = -d / np.linalg.norm(d)
@@ -141,7 +141,7 @@ class ContactProgram:
         answer = self._simplex.solve()
         return answer.x[-3:-1] if answer.is_optimal else None
 
-    def _ask(
+    def _set_point(
         self,
         wrench: FloatArray,
         torques: FloatArray,

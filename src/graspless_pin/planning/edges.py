@@ -334,7 +334,7 @@ class Edge:
         """Return the state at a fraction of the way, looked at once."""
         found = self._seen.get(fraction)
         if found is None:
-            found = self._seen[fraction] = self._look(fraction)
+            found = self._seen[fraction] = self._evaluated_state(fraction)
         return found
 
     def states(self) -> Iterator[EdgeState]:
@@ -347,20 +347,20 @@ class Edge:
         for step in range(1, self._count + 1):
             if not before.valid:
                 return
-            for state in self._up_to(before, self.state(step / self._count)):
+            for state in self._states_up_to(before, self.state(step / self._count)):
                 before = state
                 yield state
 
-    def _up_to(self, before: EdgeState, after: EdgeState) -> Iterator[EdgeState]:
+    def _states_up_to(self, before: EdgeState, after: EdgeState) -> Iterator[EdgeState]:
         """Yield the states after a valid one, up to another or to the first that is not valid."""
         alike = after.valid and before.contacts == after.contacts
         if alike or after.fraction - before.fraction <= self.narrow:
             yield after
             return
         middle = self.state(0.5 * (before.fraction + after.fraction))
-        yield from self._up_to(before, middle)
+        yield from self._states_up_to(before, middle)
         if middle.valid:
-            yield from self._up_to(middle, after)
+            yield from self._states_up_to(middle, after)
 
     def fault(self) -> MotionFault | None:
         """Return where the motion is not valid first; None: nowhere."""
@@ -386,7 +386,7 @@ class Edge:
             return -np.inf
         return self._solver.margin_of(scene, problem, self._required)[0]
 
-    def _look(self, fraction: float) -> EdgeState:
+    def _evaluated_state(self, fraction: float) -> EdgeState:
         q, solver, solve = self._start + fraction * self._move, self._solver, self._required >= 0.0
         if self._carried:
             reached = solver.reaches(q, None, None, self._required)
@@ -407,10 +407,10 @@ class Edge:
         if not found.faults or found.faults[0][0] is not StateStatus.BLOCKED:
             return False
         velocity, turn = self._screw.lengths
-        remaining = (1.0 - fraction) * (velocity + self._reach * turn)
+        remaining = (1.0 - fraction) * (velocity + self._object_reach * turn)
         return remaining <= self._solver.configurations.scene.contact_tolerance
 
     @cached_property
-    def _reach(self) -> float:
+    def _object_reach(self) -> float:
         """How far the object reaches from its centre of mass, m."""
         return reach_of(self._solver.configurations.scene.object)

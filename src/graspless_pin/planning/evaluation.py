@@ -109,14 +109,14 @@ class Evaluation(Brief):
     @property
     def joint_names(self) -> tuple[str, ...]:
         """L names of the torques; empty without a problem."""
-        return () if self._found is None else _with_joints(self._found).joint_names
+        return () if self._found is None else _joint_record(self._found).joint_names
 
     @property
     def joint_units(self) -> dict[str, JointUnit]:
         """Unit of each torque by name; empty without a problem."""
         if self._found is None:
             return {}
-        joints = _with_joints(self._found)
+        joints = _joint_record(self._found)
         return dict(zip(joints.joint_names, joints.joint_units, strict=True))
 
     @property
@@ -215,7 +215,7 @@ class Evaluation(Brief):
         return self.scene.stability(self.torques, **options)
 
 
-def _with_joints(
+def _joint_record(
     found: TorqueSolution | WarmAnswer | RobustSolution,
 ) -> QuasistaticProblem | WarmAnswer:
     if isinstance(found, WarmAnswer):

@@ -76,7 +76,7 @@ class StateArrays(NamedTuple):
         each = {name: values[numbers] for name, values in self.each.items()}
         return StateArrays(len(range(self.total)[numbers]), each, self.common)
 
-    def one(self, number: int) -> tuple[Any, Any, Any]:
+    def arguments_of(self, number: int) -> tuple[Any, Any, Any]:
         """Return the arguments of `Evaluator.evaluate` for one of the states."""
         q, T, twist = (
             self.each[name][number] if name in self.each else self.common[name]
@@ -101,17 +101,17 @@ def checked_states(at: Configurations, q: Any, T_world_object: Any, twist: Any) 
     joint_count = len(at.joint_names)
     if isinstance(q, Sequence) and len(q) and all(isinstance(one, Mapping) for one in q):
         q = np.array(
-            [positions_of_one(at.array, f"q[{number}]", one) for number, one in enumerate(q)]
+            [state_positions(at.array, f"q[{number}]", one) for number, one in enumerate(q)]
         )
     given = {"q": q, "T_world_object": T_world_object, "twist": twist}
     shapes = {"q": (joint_count,), "T_world_object": (4, 4), "twist": (6,)}
     each: dict[str, FloatArray] = {}
     common: dict[str, Any] = {}
     for name, value in given.items():
-        if isinstance(value, Motion | Mapping) or _axes(value) < _DIMENSIONS[name]:
+        if isinstance(value, Motion | Mapping) or _axis_count(value) < _DIMENSIONS[name]:
             common[name] = value
         else:
-            each[name] = _numbers(name, value, (None, *shapes[name]))
+            each[name] = _state_array(name, value, (None, *shapes[name]))
     if not each:
         raise ArgumentError(
             "q",
@@ -128,7 +128,7 @@ def checked_states(at: Configurations, q: Any, T_world_object: Any, twist: Any) 
     return StateArrays(count, each, common)
 
 
-def _axes(value: Any) -> float:
+def _axis_count(value: Any) -> float:
     """Return how many axes something has as an array; infinitely many if it is none."""
     try:
         return np.ndim(value)
@@ -136,7 +136,7 @@ def _axes(value: Any) -> float:
         return np.inf
 
 
-def positions_of_one(
+def state_positions(
     array: Callable[[Any], FloatArray], state: str, q: Configuration | None
 ) -> FloatArray:
     """Return (a,) positions of one of many states, in which an error says which.
@@ -152,7 +152,7 @@ def positions_of_one(
         raise ArgumentError(state + error.argument.removeprefix("q"), error.message) from None
 
 
-def _numbers(name: str, value: Any, shape: tuple[int | None, ...]) -> FloatArray:
+def _state_array(name: str, value: Any, shape: tuple[int | None, ...]) -> FloatArray:
     """Return finite numbers of a shape, without a copy where they are an array of them."""
     if (
         isinstance(value, np.ndarray)
@@ -176,7 +176,7 @@ def _check_rigid(poses: FloatArray) -> None:
             as_pose(f"T_world_object[{start + k}]", block[k])
 
 
-def gathered(
+def computed_arrays(
     compute: Callable[[StateSolver, StateArrays], Arrays],
     solver: StateSolver,
     states: StateArrays,
@@ -201,7 +201,7 @@ def gathered(
         workers = whole_number("workers", workers, 1)
     called_back("progress", progress)
     whole: Arrays = ()
-    for chunk, found in _found(compute, solver, states, workers):
+    for chunk, found in _computed_chunks(compute, solver, states, workers):
         if not whole:
             whole = tuple([np.empty((states.total, *a.shape[1:]), a.dtype) for a in found])
         for array, part in zip(whole, found, strict=True):
@@ -211,7 +211,7 @@ def gathered(
     return whole
 
 
-def _found(
+def _computed_chunks(
     compute: Callable[[StateSolver, StateArrays], Arrays],
     solver: StateSolver,
     states: StateArrays,
@@ -334,10 +334,10 @@ def evaluated_states(
     whole = [whole_number("evaluations", number, 0, states.total - 1) for number in kept]
     columns = possible_columns(solver.configurations.scene.hand)
     names = tuple(columns)
-    found = StateFigures(*gathered(figures_of, solver, states, workers, progress))
-    evaluations = {number: solver.evaluate(*states.one(number)) for number in whole}
+    found = StateFigures(*computed_arrays(solved_figures, solver, states, workers, progress))
+    evaluations = {number: solver.evaluate(*states.arguments_of(number)) for number in whole}
     for number, evaluation in evaluations.items():
-        found.put(number, evaluation, names)
+        found.enter(number, evaluation, names)
     margins, _, bounds, gaps, residuals, _ = found.figures.T.copy()
     statuses = np.array(STATUSES, dtype=object)[found.codes]
     coverages = np.array(COVERAGES, dtype=object)[found.coverages]
@@ -348,19 +348,19 @@ def evaluated_states(
     return EvaluatedStates(names, tuple(columns.values()), *arrays, evaluations)
 
 
-def figures_of(solver: StateSolver, states: StateArrays) -> StateFigures:
+def solved_figures(solver: StateSolver, states: StateArrays) -> StateFigures:
     """Solve states: by loops where they can, else one after the other."""
     names = tuple(possible_columns(solver.configurations.scene.hand))
     found = StateFigures.empty(states.total, len(names))
 
     def alone(number: int, clear: bool) -> None:
-        found.put(number, solver.solve(*states.one(number), clear=clear), names)
+        found.enter(number, solver.solve(*states.arguments_of(number), clear=clear), names)
 
-    solver.loops.optima_of_states(_looped(solver, states), solver.objective, found, alone)
+    solver.loops.optima_of_states(_loop_states(solver, states), solver.objective, found, alone)
     return found
 
 
-def _looped(solver: StateSolver, states: StateArrays) -> FloatArray | None:
+def _loop_states(solver: StateSolver, states: StateArrays) -> FloatArray | None:
     """Return (K, a) the configurations that loops are asked for; None: each state goes alone."""
     return states.configurations if solver.uncertainty is None else None
 
@@ -373,22 +373,22 @@ def feasible_states(
     progress: Progress | None,
 ) -> NDArray[np.bool_]:
     """Return which states are feasible: see `Evaluator.are_feasible`."""
-    decide = partial(feasible_ones, margin=margin)
-    (feasible,) = gathered(decide, solver, states, workers, progress)
+    decide = partial(decided_states, margin=margin)
+    (feasible,) = computed_arrays(decide, solver, states, workers, progress)
     return feasible
 
 
-def feasible_ones(solver: StateSolver, states: StateArrays, margin: float) -> Arrays:
+def decided_states(solver: StateSolver, states: StateArrays, margin: float) -> Arrays:
     """Decide on states: by loops where they can, else one after the other."""
     feasible = np.zeros(states.total, dtype=bool)
 
     def alone(number: int, clear: bool) -> None:
-        feasible[number] = solver.reaches(*states.one(number), margin, clear=clear)
+        feasible[number] = solver.reaches(*states.arguments_of(number), margin, clear=clear)
 
     found = StateFigures.empty(
         states.total, len(possible_columns(solver.configurations.scene.hand))
     )
-    q = _looped(solver, states) if margin >= 0.0 else None  # below zero none is asked for
+    q = _loop_states(solver, states) if margin >= 0.0 else None  # below zero none is asked for
     solver.loops.optima_of_states(q, Margin(), found, alone, margin)
     looped = found.contact_counts > 0
     _, value, _, _, _, unit = found.figures[looped].T

@@ -18,7 +18,7 @@ from graspless_pin.planning.configurations import Configuration
 from graspless_pin.planning.edges import segment_twist
 from graspless_pin.planning.evaluation import Evaluation, StateStatus
 from graspless_pin.planning.evaluator import Evaluator
-from graspless_pin.planning.many_states import positions_of_one
+from graspless_pin.planning.many_states import state_positions
 from graspless_pin.problem.checks import FloatArray, JointUnit, finite_array, read_only
 from graspless_pin.records import Brief
 from graspless_pin.scene import Scene
@@ -132,7 +132,7 @@ class PathProfile(Brief):
         lines = [f"a path of {self.times[-1] - self.times[0]:g} s, {points}, {summary}"]
         for change in self.contact_changes:
             parts = [
-                f"{verb} {_counted(names)}"
+                f"{verb} {_counted_names(names)}"
                 for verb, names in (
                     ("gains", change.gained),
                     ("loses", change.lost),
@@ -199,17 +199,17 @@ def evaluate_path(
     if not len(waypoints):
         raise ArgumentError("waypoints", "is empty; a path has at least one")
     waypoints = [item if isinstance(item, Waypoint) else Waypoint(item) for item in waypoints]
-    times = _times(waypoints)
+    times = _waypoint_times(waypoints)
     own = evaluator.scene.object.T_world_object
     given = [own if item.T_world_object is None else item.T_world_object for item in waypoints]
     poses = np.array([as_pose(f"waypoints[{k}].T_world_object", T) for k, T in enumerate(given)])
     asked = [(f"waypoints[{k}].q", item.q) for k, item in enumerate(waypoints)]
-    positions = np.array([positions_of_one(evaluator.configuration, *one) for one in asked])
-    arriving, twists = _twists(poses, times, evaluator.scene.object.center_of_mass)
+    positions = np.array([state_positions(evaluator.configuration, *one) for one in asked])
+    arriving, twists = _waypoint_twists(poses, times, evaluator.scene.object.center_of_mass)
     evaluations, arrivals = [], []
     for item, pose, before, after in zip(waypoints, poses, arriving, twists, strict=True):
         came = evaluator.evaluate(item.q, pose, before)
-        goes_on = _same_motion(before, after)
+        goes_on = _is_same_motion(before, after)
         leaves = came if goes_on else evaluator.evaluate(item.q, pose, after)
         evaluations.append(leaves)
         # A motion that ends by touching a body is not driven into it.
@@ -238,7 +238,7 @@ def evaluate_path(
     )
 
 
-def _times(waypoints: Sequence[Waypoint]) -> FloatArray:
+def _waypoint_times(waypoints: Sequence[Waypoint]) -> FloatArray:
     given = [item.time for item in waypoints if item.time is not None]
     if not given:
         return np.arange(len(waypoints), dtype=float)
@@ -259,7 +259,7 @@ def _times(waypoints: Sequence[Waypoint]) -> FloatArray:
     return times
 
 
-def _twists(
+def _waypoint_twists(
     poses: FloatArray, times: FloatArray, center_of_mass: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """(K, 6) twists before and after the waypoints, about the centre of mass.
@@ -276,7 +276,7 @@ def _twists(
     return before, after
 
 
-def _same_motion(before: FloatArray, after: FloatArray) -> bool:
+def _is_same_motion(before: FloatArray, after: FloatArray) -> bool:
     """Return whether two twists are the same but for speed and rounding."""
     sizes = np.linalg.norm(before), np.linalg.norm(after)
     if not all(sizes):
@@ -284,7 +284,7 @@ def _same_motion(before: FloatArray, after: FloatArray) -> bool:
     return bool(np.abs(before / sizes[0] - after / sizes[1]).max() <= _SAME_MOTION)
 
 
-def _counted(names: Sequence[str]) -> str:
+def _counted_names(names: Sequence[str]) -> str:
     return ", ".join(
         name if count == 1 else f"{name} x {count}" for name, count in Counter(names).items()
     )
@@ -314,24 +314,24 @@ class ContactChange:
 def contact_changes(evaluations: Sequence[Evaluation]) -> tuple[ContactChange, ...]:
     """Return where the contacts differ from those of the waypoint before."""
     changes = []
-    before = _touching(evaluations[0])
+    before = _contact_counts(evaluations[0])
     for k, evaluation in enumerate(evaluations[1:], start=1):
-        now = _touching(evaluation)
+        now = _contact_counts(evaluation)
         if now != before:
             changes.append(
                 ContactChange(
                     k,
-                    gained=_more(now[0], before[0]),
-                    lost=_more(before[0], now[0]),
-                    starts_sliding=_more(now[1], before[1]),
-                    stops_sliding=_more(before[1], now[1]),
+                    gained=_surplus_names(now[0], before[0]),
+                    lost=_surplus_names(before[0], now[0]),
+                    starts_sliding=_surplus_names(now[1], before[1]),
+                    stops_sliding=_surplus_names(before[1], now[1]),
                 )
             )
         before = now
     return tuple(changes)
 
 
-def _touching(evaluation: Evaluation) -> tuple[Counter[str], Counter[str]]:
+def _contact_counts(evaluation: Evaluation) -> tuple[Counter[str], Counter[str]]:
     """Contacts by body, and those of them that slide."""
     if not evaluation.has_contacts:
         return Counter(), Counter()
@@ -344,5 +344,5 @@ def _touching(evaluation: Evaluation) -> tuple[Counter[str], Counter[str]]:
     return Counter(contacts.bodies), Counter(sliding)
 
 
-def _more(some: Counter[str], others: Counter[str]) -> tuple[str, ...]:
+def _surplus_names(some: Counter[str], others: Counter[str]) -> tuple[str, ...]:
     return tuple((some - others).elements())

@@ -78,8 +78,8 @@ def read_path_csv(path: str | Path) -> tuple[Waypoint, ...]:
                 "path", f"'{path}' has {word} between its columns; write commas, and points in "
                 "numbers (0.5)"
             )  # fmt: skip
-    _check_names(path, names)
-    joints = _joints(path, names)
+    _check_columns(path, names)
+    joints = _joint_columns(path, names)
     wanted = [name for name in (_TIME, *_POSE, *joints) if name in names]
     if not wanted:
         raise ArgumentError(
@@ -91,13 +91,13 @@ def read_path_csv(path: str | Path) -> tuple[Waypoint, ...]:
     if has_pose and (missing := [name for name in _POSE if name not in names]):
         raise ArgumentError("path", f"'{path}' has no column {', '.join(missing)} of the pose")
     cells = [
-        {name: _number(path, line, name, names, row) for name in wanted}
+        {name: _cell_number(path, line, name, names, row) for name in wanted}
         for line, row in enumerate(rows, 2)
         if row
     ]
     if not cells:
         raise ArgumentError("path", f"'{path}' has no row below its header; needs one at least")
-    poses = _poses(path, cells) if has_pose else [None] * len(cells)
+    poses = _object_poses(path, cells) if has_pose else [None] * len(cells)
 
     def waypoint(row: Mapping[str, float], T_world_object: FloatArray | None) -> Waypoint:
         q = {joint: row[name] for name, joint in joints.items()}
@@ -106,7 +106,7 @@ def read_path_csv(path: str | Path) -> tuple[Waypoint, ...]:
     return tuple(starmap(waypoint, zip(cells, poses, strict=True)))
 
 
-def _check_names(path: str | Path, names: Sequence[str]) -> None:
+def _check_columns(path: str | Path, names: Sequence[str]) -> None:
     """Refuse columns with units in brackets, and those that are nearly one that is read."""
     missing = [name for name in (_TIME, *_POSE) if name not in names]
     for index, name in enumerate(names):
@@ -130,7 +130,7 @@ def _check_names(path: str | Path, names: Sequence[str]) -> None:
             raise ArgumentError("path", f"'{path}': column {name!r}: did you mean {similar!r}?")
 
 
-def _joints(path: str | Path, names: Sequence[str]) -> dict[str, str]:
+def _joint_columns(path: str | Path, names: Sequence[str]) -> dict[str, str]:
     """Return the joints by the names of their columns."""
     joints = {}
     for name in names:
@@ -143,7 +143,7 @@ def _joints(path: str | Path, names: Sequence[str]) -> dict[str, str]:
     return joints
 
 
-def _number(
+def _cell_number(
     path: str | Path, line: int, name: str, names: Sequence[str], row: Sequence[str]
 ) -> float:
     if len(row) != len(names):
@@ -168,7 +168,7 @@ def _number(
     return number
 
 
-def _poses(path: str | Path, cells: Sequence[Mapping[str, float]]) -> list[FloatArray]:
+def _object_poses(path: str | Path, cells: Sequence[Mapping[str, float]]) -> list[FloatArray]:
     table = np.array([[row[name] for name in _POSE] for row in cells])
     lengths = np.linalg.norm(table[:, 3:], axis=1)
     off = np.abs(lengths - 1.0) > _NORM_ERROR
@@ -240,13 +240,13 @@ def write_path_csv(profile: PathProfile, path: str | Path) -> None:
                     [
                         repr(float(profile.times[k])),
                         evaluation.status.name.lower(),
-                        *_cells([profile.margins[k], profile.arrival_margins[k]]),
+                        *_number_cells([profile.margins[k], profile.arrival_margins[k]]),
                         int(k in changing),
                         " ".join(bodies),
-                        *_cells(profile.object_poses[k, :3, 3]),
-                        *_cells(quaternions[k]),
-                        *_cells(profile.positions[k]),
-                        *_cells(profile.torques[k]),
+                        *_number_cells(profile.object_poses[k, :3, 3]),
+                        *_number_cells(quaternions[k]),
+                        *_number_cells(profile.positions[k]),
+                        *_number_cells(profile.torques[k]),
                     ]
                 )
     except OSError as error:
@@ -308,6 +308,6 @@ def joint_trajectory(profile: PathProfile | PathTiming) -> dict[str, Any]:
     }
 
 
-def _cells(values: Any) -> list[str]:
+def _number_cells(values: Any) -> list[str]:
     """Numbers with all their digits, empty where there is none."""
     return [repr(float(value)) if np.isfinite(value) else "" for value in values]

@@ -169,17 +169,19 @@ def fastest_timing(
     margin = real_number("margin", margin, 0.0)
     program = ContactProgram(problem, motor_limits(problem, torques), margin)
     limits = {
-        TimingLimit.VELOCITY: _by_joint("velocity_limits", velocity_limits, names, at.fastest),
-        TimingLimit.ACCELERATION: _by_joint("acceleration_limits", acceleration_limits, names),
-        TimingLimit.TORQUE: _by_joint("torque_limits", torque_limits, names),
+        TimingLimit.VELOCITY: _joint_limits(
+            "velocity_limits", velocity_limits, names, at.rate_limits
+        ),
+        TimingLimit.ACCELERATION: _joint_limits("acceleration_limits", acceleration_limits, names),
+        TimingLimit.TORQUE: _joint_limits("torque_limits", torque_limits, names),
     }
-    knots = _waypoints(at, path)
+    knots = _checked_waypoints(at, path)
     lengths = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(knots, axis=0), axis=1))])
     where = np.linspace(0.0, lengths[-1], whole_number("points", points, 3))
     toppra = _toppra()
     spline = toppra.SplineInterpolator(lengths, knots, bc_type="natural")
     positions, slopes, bends = (np.array(spline(where, order)) for order in range(3))
-    along = _points(at, program, (positions, slopes, bends), limits)
+    along = _path_points(at, program, (positions, slopes, bends), limits)
     nothing = np.full(len(where), np.nan)
     most_lost = MARGIN_SLACK * problem.scales.force
     blank = PathTiming(
@@ -190,14 +192,14 @@ def fastest_timing(
         if not point.kinds:
             q = ", ".join(f"{value:.4g}" for value in positions[k].tolist())
             lost = f"at point {k}, q = [{q}], whatever the speed"
-            return replace(blank, reason=_lost(problem, torques, margin, point, lost))
+            return replace(blank, reason=_unheld_reason(problem, torques, margin, point, lost))
     for end, point in (("start", along[0]), ("end", along[-1])):
         if not program.margin(point.wrench, point.torques, 0.0, 0.0)[0] >= margin - most_lost:
             lost = f"at rest at the {end}"
-            return replace(blank, reason=_lost(problem, torques, margin, point, lost))
+            return replace(blank, reason=_unheld_reason(problem, torques, margin, point, lost))
     speeds = _fastest_speeds(toppra, spline, along, where)
     if speeds is None:
-        return replace(blank, reason=_limited(names, limits[TimingLimit.TORQUE], along))
+        return replace(blank, reason=_timing_fault(names, limits[TimingLimit.TORQUE], along))
     squared = speeds**2
     changes = np.diff(squared) / (2.0 * np.diff(where))
     changes = np.append(changes, changes[-1])
@@ -219,7 +221,7 @@ def fastest_timing(
         accelerations=slopes * changes[:, None] + bends * squared[:, None],
         margins=np.array(margins),
         limits=tuple(
-            _limit((along[k], along[min(k + 1, last)]), u, squared[[k, min(k + 1, last)]])
+            _reached_limit((along[k], along[min(k + 1, last)]), u, squared[[k, min(k + 1, last)]])
             for k, u in enumerate(changes)
         ),
         limiting_contacts=limiting,
@@ -252,14 +254,14 @@ class _PathPoint(NamedTuple):
     kinds: tuple[TimingLimit, ...]
 
 
-def _lost(
+def _unheld_reason(
     problem: QuasistaticProblem, torques: Any, margin: float, point: _PathPoint, where: str
 ) -> str:
     """Return which torques do not hold the object at a point of the path, and which would."""
     free = problem.lower_torque, problem.upper_torque
     names = problem.joint_names
 
-    def hold(limits: tuple[FloatArray, FloatArray]) -> bool:
+    def is_held(limits: tuple[FloatArray, FloatArray]) -> bool:
         program = ContactProgram(problem, limits, margin)
         if point.kinds:
             least = margin - MARGIN_SLACK * problem.scales.force
@@ -272,9 +274,9 @@ def _lost(
         listed = ", ".join(f"{name} {value:g}" for name, value in zip(names, given, strict=True))
         who = f"the given torques ({listed}) do not"
     asked = f" with a margin of {margin:g} N" if margin else ""
-    if torques is not None and hold(free):
+    if torques is not None and is_held(free):
         advice = "others within the motors' limits do: leave torques out, or give others"
-    elif hold((np.full(len(names), -np.inf), np.full(len(names), np.inf))):
+    elif is_held((np.full(len(names), -np.inf), np.full(len(names), np.inf))):
         ranges = zip(names, *free, strict=True)
         listed = ", ".join(f"{name} [{low:g}, {high:g}]" for name, low, high in ranges)
         advice = f"stronger motors would: raise effort_limits ({listed}), or carry less"
@@ -284,7 +286,9 @@ def _lost(
     return f"{who} hold the object{asked} {where}; {advice}"
 
 
-def _limited(names: tuple[str, ...], torque_limits: FloatArray, along: Sequence[_PathPoint]) -> str:
+def _timing_fault(
+    names: tuple[str, ...], torque_limits: FloatArray, along: Sequence[_PathPoint]
+) -> str:
     """Return which joint's torque limit leaves no timing, if it is one."""
     still = np.abs([point.joints[:, 0] for point in along])
     beyond = still / torque_limits
@@ -299,7 +303,7 @@ def _limited(names: tuple[str, ...], torque_limits: FloatArray, along: Sequence[
     )
 
 
-def _limit(ends: Sequence[_PathPoint], u: float, squared: FloatArray) -> TimingLimit:
+def _reached_limit(ends: Sequence[_PathPoint], u: float, squared: FloatArray) -> TimingLimit:
     """Return a limit that is reached at either end of an interval: a joint's, if there is one."""
     reached = set[TimingLimit]()
     for point, x in zip(ends, squared, strict=True):
@@ -309,7 +313,7 @@ def _limit(ends: Sequence[_PathPoint], u: float, squared: FloatArray) -> TimingL
     return next((limit for limit in TimingLimit if limit in reached), TimingLimit.NOTHING)
 
 
-def _points(
+def _path_points(
     at: AttachedConfigurations,
     program: ContactProgram,
     path: tuple[FloatArray, FloatArray, FloatArray],
@@ -324,7 +328,7 @@ def _points(
         limits: Of joints.
     """
     scene, hand, joint = at.scene, at.hand, at.joint
-    places = _places(at, path[0], "path", "the spline through it leaves a limit: ")
+    places = _joint_positions(at, path[0], "path", "the spline through it leaves a limit: ")
     T, J = (np.array(part) for part in zip(*map(hand.tree.kinematics, places), strict=True))
     kinematics = Kinematics(T[:, None], J[:, None])
     T_world_object = T[:, joint] @ at.T_joint_object
@@ -339,14 +343,14 @@ def _points(
     if scene.count_own_weight:
         own[:, 0] = [hand.tree.gravity_torques(place, scene.gravity) for place in places]
         own[:, 1:] = by_ux.joint_torques(hand)
-    own = at.carrying(kinematics, wrenches, own)
+    own = at.torques_with_load(kinematics, wrenches, own)
     of_path = np.stack([0.0 * path[1], *path[1:]], 1)
-    parts = at.in_axes(kinematics, wrenches), own @ at.motors, own @ S, of_path
+    parts = at.wrenches_in_link_axes(kinematics, wrenches), own @ at.motor_map, own @ S, of_path
     turned = (np.swapaxes(part, 1, 2) for part in parts)
-    return [_point(program, limits, *point) for point in zip(*turned, strict=True)]
+    return [_path_point(program, limits, *point) for point in zip(*turned, strict=True)]
 
 
-def _point(
+def _path_point(
     program: ContactProgram,
     limits: _JointLimits,
     wrench: FloatArray,
@@ -354,7 +358,7 @@ def _point(
     joints: FloatArray,
     of_path: FloatArray,
 ) -> _PathPoint:
-    """Return the limits at a point of a path: see `_points`.
+    """Return the limits at a point of a path: see `_path_points`.
 
     Args:
         program: Of the contacts.
@@ -427,10 +431,10 @@ def _fastest_speeds(
     return np.array(speeds)
 
 
-def _waypoints(at: AttachedConfigurations, path: Any) -> FloatArray:
+def _checked_waypoints(at: AttachedConfigurations, path: Any) -> FloatArray:
     """Return (K, a) positions of different configurations that follow each other."""
     points = np.array([at.array(q) for q in path], dtype=float)
-    _places(at, points, "path[{}]")
+    _joint_positions(at, points, "path[{}]")
     steps = np.linalg.norm(np.diff(points, axis=0), axis=1) if len(points) > 1 else np.zeros(0)
     if not len(steps) or not steps.all():
         found = "two that follow each other and are the same" if len(steps) else str(len(points))
@@ -438,7 +442,7 @@ def _waypoints(at: AttachedConfigurations, path: Any) -> FloatArray:
     return points
 
 
-def _places(
+def _joint_positions(
     at: AttachedConfigurations, points: FloatArray, argument: str, what: str = ""
 ) -> list[FloatArray]:
     """Return positions of all joints at points (K, a); an error is that of the argument."""
@@ -451,21 +455,21 @@ def _places(
     return places
 
 
-def _by_joint(
+def _joint_limits(
     argument: str, given: Any, names: tuple[str, ...], others: ArrayLike = np.inf
 ) -> FloatArray:
     """Return (a,) positive limits; those that are not told as others are."""
     if given is not None and not isinstance(given, Mapping):
-        return np.full(len(names), _positive(argument, given))
+        return np.full(len(names), _positive_number(argument, given))
     limits = np.broadcast_to(others, len(names)).copy()
     for name, value in (given or {}).items():
         if name not in names:
             raise ArgumentError(argument, f"has no joint {name!r}; {names_in_words(name, names)}")
-        limits[names.index(name)] = _positive(f"{argument}[{name!r}]", value)
+        limits[names.index(name)] = _positive_number(f"{argument}[{name!r}]", value)
     return limits
 
 
-def _positive(argument: str, value: Any) -> float:
+def _positive_number(argument: str, value: Any) -> float:
     number = real_number(argument, value, 0.0)
     if number == 0.0:
         raise ArgumentError(argument, "is 0; it must be more")

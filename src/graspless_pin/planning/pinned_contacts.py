@@ -83,10 +83,10 @@ class _Rates(NamedTuple):
     weight: FloatArray
     smooth: bool
 
-    def chained(self, by: Gradients) -> FloatArray:
+    def chain_rule(self, by: Gradients) -> FloatArray:
         """Return (a + 6 + B + 1,) what derivatives by the problem's data come to."""
         weight = by.external_wrench @ self.weight
-        return np.concatenate([self.moving.chained(by), by.friction @ self.surfaces, [weight]])
+        return np.concatenate([self.moving.chain_rule(by), by.friction @ self.surfaces, [weight]])
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -149,7 +149,7 @@ class PinnedState(Brief):
             ArgumentError: See `optimum_gradients`; or if contacts of the hand slide.
         """
         data = optimum_gradients(self.evaluation.solution)
-        own, *others = self._each((data.point, *data.alternatives))
+        own, *others = self._figure_gradients((data.point, *data.alternatives))
         return self._derivatives(own, agreeing(own, *others))
 
     @cached_property
@@ -161,14 +161,14 @@ class PinnedState(Brief):
             ArgumentError: Likewise.
         """
         data = optimum_gradients(self.evaluation.solution)
-        own, *others = map(self._each, OptimalSet(data.solution).torque_points())
+        own, *others = map(self._figure_gradients, OptimalSet(data.solution).torque_points())
         rows = [agreeing(*one) for one in zip(own, *others, strict=True)]
         return self._derivatives(own, np.array(rows, dtype=bool).reshape(own.shape))
 
-    def _each(self, points: Sequence[OptimalPoint]) -> FloatArray:
+    def _figure_gradients(self, points: Sequence[OptimalPoint]) -> FloatArray:
         """(N, a + 6 + B + 1) what each of N choices of forces and multipliers gives."""
         rates = self._known_rates
-        found = [rates.chained(gradients_at(self.evaluation.solution, at)) for at in points]
+        found = [rates.chain_rule(gradients_at(self.evaluation.solution, at)) for at in points]
         size = rates.moving.spins.shape[-1] + rates.surfaces.shape[1] + 1
         return np.array(found).reshape(-1, size)
 
@@ -220,13 +220,13 @@ def pinned_state(
     values = read_only(np.array([one.gap for one in points]))
     if not evaluation.found:
         return PinnedState(evaluation, bodies, values, by_gaps)
-    kept = _kept(evaluation, points)
+    kept = _pins_of_contacts(evaluation, points)
     moving = [rates[k] for k in kept]
     center = np.hstack([np.zeros((3, n)), np.eye(3), np.zeros((3, 3))])
-    middles, turns = np.array([one.middle for one in moving]), _turns(evaluation, moving)
+    middles, turns = np.array([one.middle for one in moving]), _contact_turns(evaluation, moving)
     contacts = ContactRates(middles, turns, center, np.roll(center, 3, axis=1))
     count = len(evaluation.joint_names)
-    made = problem_rates(scene, columns, count, contacts).reduced(coupling)
+    made = problem_rates(scene, columns, count, contacts).by_independent_joints(coupling)
     # The wrench is linear in the mass.
     heavier = scene.with_changes(object=scene.object.with_mass(scene.object.mass + 1.0))
     weight = object_wrench(heavier) - object_wrench(scene)
@@ -234,7 +234,7 @@ def pinned_state(
     return PinnedState(evaluation, bodies, values, by_gaps, rates)
 
 
-def _kept(evaluation: Evaluation, points: Sequence[PinnedPoint]) -> list[int]:
+def _pins_of_contacts(evaluation: Evaluation, points: Sequence[PinnedPoint]) -> list[int]:
     """Return which pinned point each contact is of: the declared motion may part some.
 
     One corner of the object may be on two bodies, such as a floor and a wall, or on two faces.
@@ -270,7 +270,7 @@ def _with_surfaces(scene: Scene, friction: Any, mass: Any) -> Scene:
     )
 
 
-def _turns(evaluation: Evaluation, rates: Sequence[Rates]) -> FloatArray:
+def _contact_turns(evaluation: Evaluation, rates: Sequence[Rates]) -> FloatArray:
     """(P, 3, n + 6) how frames of contacts turn; a sliding one with its direction of sliding."""
     scene, problem = evaluation.scene, evaluation.solution.problem
     turns = []
@@ -278,12 +278,12 @@ def _turns(evaluation: Evaluation, rates: Sequence[Rates]) -> FloatArray:
         n = problem.normals[k]
         turn = frame_turns(n, rate.normal, scene.tangent_axes)
         if problem.is_sliding[k]:
-            turn = np.cross(n, rate.normal.T).T + np.outer(n, _spin(scene, problem, k, rate))
+            turn = np.cross(n, rate.normal.T).T + np.outer(n, _slide_turn(scene, problem, k, rate))
         turns.append(turn)
     return np.array(turns)
 
 
-def _spin(scene: Scene, problem: QuasistaticProblem, contact: int, rate: Rates) -> FloatArray:
+def _slide_turn(scene: Scene, problem: QuasistaticProblem, contact: int, rate: Rates) -> FloatArray:
     """(n + 6,) how the direction of sliding turns about the normal as the contact moves."""
     body = scene.contacts.bodies[contact]
     motion = scene.motion

@@ -33,7 +33,7 @@ from graspless_pin.planning.placing_candidates import (
     TriedCandidate,
     try_candidate,
 )
-from graspless_pin.planning.placing_plan import ClosedHand, PlacingAim, PlacingPlan, parts_of
+from graspless_pin.planning.placing_plan import ClosedHand, PlacingAim, PlacingPlan, hand_parts
 from graspless_pin.problem.checks import (
     called_back,
     choice,
@@ -303,7 +303,7 @@ def place_hand(
     begin = time.monotonic()
     truth_values(together=together, move_base=move_base)
     called_back("progress", progress)
-    plan = _plan(
+    plan = _placing_plan(
         scene, approach, point, fingers, margin, aim, seed, together=together, move_base=move_base
     )
     count = whole_number("candidates", candidates, 1)
@@ -316,18 +316,18 @@ def place_hand(
     children = ChildProcesses()
     try:
         for numbers in (range(first), range(first, count)):
-            varied = replace(plan, parents=_best(plan, tried)[:_MOST_PARENTS])
-            for one in _computed(varied, numbers, children, crew, begin + _SEARCH_SHARE * limit):
+            varied = replace(plan, parents=_closed_by_rank(plan, tried)[:_MOST_PARENTS])
+            for one in _try_all(varied, numbers, children, crew, begin + _SEARCH_SHARE * limit):
                 tried.append(one)
                 if progress is not None:
                     progress(len(tried), count, sum(one.fault is None for one in tried))
     finally:
         children.stop()
-    good = _best(plan, [one for one in tried if one.fault is None])
+    good = _closed_by_rank(plan, [one for one in tried if one.fault is None])
     errors = Counter(one.error for one in tried if one.error)
     counts = Counter(one.fault for one in tried if one.fault is not None)
     return HandPlacement(
-        places=_ranked(plan, good, nodes, most if nodes else 0, begin + limit, errors),
+        places=_ranked_places(plan, good, nodes, most if nodes else 0, begin + limit, errors),
         tried=len(tried),
         faults={fault: counts[fault] for fault in PlacingFault if counts[fault]},
         errors=dict(errors.most_common()),
@@ -337,7 +337,7 @@ def place_hand(
     )
 
 
-def _plan(
+def _placing_plan(
     scene: Scene,
     approach: ArrayLike | None,
     point: ArrayLike | None,
@@ -361,7 +361,7 @@ def _plan(
     names = fingers_that_close(scene.hand, fingers)
     required = scene.solve_options.get("margin", 0.1) if margin is None else margin
     rng = np.random.default_rng(whole_number("seed", seed, 0))
-    resting = _at_rest(scene)
+    resting = _settled_scene(scene)
     surface = resting.object.shape.surface().moved(resting.object.T_world_object)
     corners = surface.vertices[surface.faces]
     areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -369,7 +369,7 @@ def _plan(
     return PlacingPlan(
         scene=resting,
         hand=scene.hand,
-        parts=parts_of(scene.hand, names, rng, together=together, move_base=move_base),
+        parts=hand_parts(scene.hand, names, rng, together=together, move_base=move_base),
         normals=areas[sizes > 0.0] / sizes[sizes > 0.0, None],
         areas=sizes[sizes > 0.0],
         direction=None if approach is None else unit_vector("approach", approach),
@@ -380,7 +380,7 @@ def _plan(
     )
 
 
-def _at_rest(scene: Scene) -> Scene:
+def _settled_scene(scene: Scene) -> Scene:
     """Return the scene with the object on a support, where one lies below it.
 
     Raises:
@@ -398,7 +398,7 @@ def _at_rest(scene: Scene) -> Scene:
         return scene
 
 
-def _computed(
+def _try_all(
     plan: PlacingPlan,
     numbers: Sequence[int],
     children: ChildProcesses,
@@ -413,15 +413,15 @@ def _computed(
         yield one
 
 
-def _best(plan: PlacingPlan, tried: Sequence[TriedCandidate]) -> tuple[ClosedHand, ...]:
+def _closed_by_rank(plan: PlacingPlan, tried: Sequence[TriedCandidate]) -> tuple[ClosedHand, ...]:
     """Return closed hands, those first that are best for the aim."""
     closed = [(one.number, one.closed) for one in tried if one.closed]
     return tuple(
-        one for _, one in sorted(closed, key=lambda pair: (*_order(plan, pair[1], None), pair[0]))
+        one for _, one in sorted(closed, key=lambda pair: (*_rank(plan, pair[1], None), pair[0]))
     )
 
 
-def _order(
+def _rank(
     plan: PlacingPlan, closed: ClosedHand, verdict: StabilityVerdict | None
 ) -> tuple[float, ...]:
     """Return what places are sorted by, the best first."""
@@ -436,7 +436,7 @@ def _order(
     return not alone, status, -closed.carrying_margin if alone else 0.0, -closed.margin
 
 
-def _ranked(
+def _ranked_places(
     plan: PlacingPlan,
     good: Sequence[ClosedHand],
     nodes: int,
@@ -448,11 +448,11 @@ def _ranked(
 
     What else verdicts raise than what is meant is counted among the errors.
     """
-    places = dict(enumerate(_place(plan, one) for one in good))
+    places = dict(enumerate(_placed_hand(plan, one) for one in good))
     asked_already: set[int] = set()
     while True:
         ranks = sorted(
-            places, key=lambda index: (*_order(plan, good[index], places[index].verdict), index)
+            places, key=lambda index: (*_rank(plan, good[index], places[index].verdict), index)
         )
         unasked = [index for index in ranks[:asked] if index not in asked_already]
         if not unasked or time.monotonic() > deadline:
@@ -461,7 +461,7 @@ def _ranked(
         places[unasked[0]] = _with_verdict(places[unasked[0]], nodes, deadline, errors)
 
 
-def _place(plan: PlacingPlan, closed: ClosedHand) -> PlacedHand:
+def _placed_hand(plan: PlacingPlan, closed: ClosedHand) -> PlacedHand:
     hand = displaced_hand(plan.hand.with_configuration(closed.positions), closed.displacements)
     scene = plan.scene.with_changes(hand=hand)
     return PlacedHand(scene, closed.margin, closed.carrying_margin, closed.touching, None)
@@ -475,7 +475,7 @@ def _with_verdict(
         place = replace(place, scene=scene_as_written(place.scene))
     try:
         with capture():
-            verdict = _verdict(place.scene, place.solution, nodes, deadline)
+            verdict = _place_verdict(place.scene, place.solution, nodes, deadline)
         return replace(place, verdict=verdict)
     except ArgumentError:  # a link without mass
         pass
@@ -486,7 +486,7 @@ def _with_verdict(
     return place
 
 
-def _verdict(
+def _place_verdict(
     scene: Scene, solution: TorqueSolution, nodes: int, deadline: float
 ) -> StabilityVerdict | None:
     """Return the verdict that `solve` has of the scene: on the torques that its options ask for."""

@@ -37,7 +37,7 @@ from graspless_pin.planning.placing_plan import (
     HandPart,
     PlacingAim,
     PlacingPlan,
-    drawn,
+    draw_start,
 )
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
@@ -112,22 +112,22 @@ def try_candidate(plan: PlacingPlan, number: int) -> TriedCandidate:
     """Try one candidate; it depends on the plan and its number alone."""
     try:
         with capture():
-            return _tried(plan, number)
+            return _close_and_judge(plan, number)
     except GrasplessPinError:
         raise
     except Exception as error:  # costs this candidate, not the search, and is told
         return TriedCandidate(number, PlacingFault.INTERNAL_ERROR, error=internal_error(error))
 
 
-def _tried(plan: PlacingPlan, number: int) -> TriedCandidate:
+def _close_and_judge(plan: PlacingPlan, number: int) -> TriedCandidate:
     hand = plan.hand
     positions = hand.tree.coupling.independent(hand.positions)
     displacements = np.repeat(np.eye(4)[None], len(hand.base_poses), axis=0)
     draws = []
     for index, part in enumerate(plan.parts):
         rng = np.random.default_rng([plan.seed, number, *([index] if index else [])])
-        draw = drawn(plan, index, number, rng)
-        brought = _brought(plan, part, draw, rng)
+        draw = draw_start(plan, index, number, rng)
+        brought = _close_at_object(plan, part, draw, rng)
         if isinstance(brought, PlacingFault):
             return TriedCandidate(number, brought)
         closing, T = brought
@@ -140,7 +140,7 @@ def _tried(plan: PlacingPlan, number: int) -> TriedCandidate:
     hand = displaced_hand(closed, displacements)
     tolerance = plan.scene.contact_tolerance
     moved = frozenset().union(*(part.moved for part in plan.parts))
-    if shortfall(_of_links(hand, moved), support_bodies(plan.scene), 1.5 * tolerance) > 0.0:
+    if shortfall(_link_shapes(hand, moved), support_bodies(plan.scene), 1.5 * tolerance) > 0.0:
         return TriedCandidate(number, PlacingFault.HAND_ON_SUPPORT)
     # One body is in itself wherever it is, and the pairs of links are known where it was.
     if unwanted_overlaps(closed if len(plan.parts) == 1 else hand, tolerance=tolerance):
@@ -149,7 +149,7 @@ def _tried(plan: PlacingPlan, number: int) -> TriedCandidate:
     if hand_overlaps(scene):  # what does not move, such as an arm's base, stands in a support
         return TriedCandidate(number, PlacingFault.HAND_ON_SUPPORT)
     try:
-        judged = _judged(plan, scene, hand)
+        judged = _judge_grip(plan, scene, hand)
     except StateError:
         judged = PlacingFault.UNUSABLE_CONTACTS
     if isinstance(judged, PlacingFault):
@@ -163,7 +163,7 @@ def _tried(plan: PlacingPlan, number: int) -> TriedCandidate:
     return TriedCandidate(number, fault, found)
 
 
-def _judged(
+def _judge_grip(
     plan: PlacingPlan, scene: Scene, hand: Hand
 ) -> PlacingFault | tuple[tuple[str, ...], float, float]:
     """Return the links that touch, the margin and that without the supports.
@@ -213,7 +213,7 @@ def squeezed(problem: QuasistaticProblem, bodies: Sequence[str]) -> bool:
     return len({bodies[index] for index in np.flatnonzero(shares).tolist()}) > 1
 
 
-def _brought(
+def _close_at_object(
     plan: PlacingPlan, part: HandPart, draw: Draw, rng: np.random.Generator
 ) -> tuple[ClosingResult, FloatArray] | PlacingFault:
     """Bring an open part of the hand to the object and close it there.
@@ -237,7 +237,7 @@ def _brought(
         if stance is None:
             return PlacingFault.OUT_OF_REACH
         hand, T = stance
-        open_hand = moved_bodies(_of_links(hand, part.links), T)
+        open_hand = moved_bodies(_link_shapes(hand, part.links), T)
         back, last = back_until_free(open_hand, obstacles, draw.direction, farthest)
         if back is None:
             return (PlacingFault.OBJECT_IN_THE_WAY, PlacingFault.SUPPORT_IN_THE_WAY)[last]
@@ -253,20 +253,20 @@ def _brought(
         )
         if rate != 0.0
     }
-    together = _jaws(plan.hand, part.fingers)
+    together = _coupled_jaws(plan.hand, part.fingers)
     for remaining in reversed(range(_CENTERINGS)):
         if stance is None:
             return PlacingFault.OUT_OF_REACH
         hand, T = stance
         if remaining < _CENTERINGS - 1:
-            open_hand = moved_bodies(_of_links(hand, part.links), T)
+            open_hand = moved_bodies(_link_shapes(hand, part.links), T)
             if shortfall(open_hand, pieces, 0.0) > 0.0:
                 break
         target = scene.object.with_pose(invert(T) @ scene.object.T_world_object)
         closing = close_hand(hand, target, fingers=part.fingers, wrap=draw.wrap, rates=rates)
         if not closing.touching:
             return PlacingFault.TOUCHES_NOTHING
-        shift = _shift_of(closing, together, target.placed_bodies)
+        shift = _jaw_shift(closing, together, target.placed_bodies)
         if not remaining or np.linalg.norm(shift) < _CENTERED:
             return closing, T
         stance = _stance(part, hand, shifted(T, T[:3, :3] @ shift), rng)
@@ -291,7 +291,7 @@ def _stance(
     return hand.with_configuration(positions), np.eye(4)
 
 
-def _of_links(hand: Hand, links: frozenset[str]) -> PlacedBodies:
+def _link_shapes(hand: Hand, links: frozenset[str]) -> PlacedBodies:
     """Return the shapes of some links."""
     bodies = hand.placed_bodies
     if links.issuperset(bodies.shapes.names):
@@ -299,7 +299,7 @@ def _of_links(hand: Hand, links: frozenset[str]) -> PlacedBodies:
     return PlacedBodies.of([body for body in bodies if body.name in links])
 
 
-def _jaws(hand: Hand, fingers: Sequence[str]) -> list[list[Sequence[str]]]:
+def _coupled_jaws(hand: Hand, fingers: Sequence[str]) -> list[list[Sequence[str]]]:
     """Return the links of jaws that have to be centred, by motor: a finger may have a fixed one."""
     if len(fingers) == 1:
         return [[hand.fingers[fingers[0]].links, carrier_links(hand, fingers[0])]]
@@ -307,7 +307,7 @@ def _jaws(hand: Hand, fingers: Sequence[str]) -> list[list[Sequence[str]]]:
     return [[hand.fingers[name].links for name in group] for group in groups if len(group) > 1]
 
 
-def _shift_of(
+def _jaw_shift(
     closing: ClosingResult, together: Sequence[Sequence[Sequence[str]]], pieces: PlacedBodies
 ) -> FloatArray:
     """Return (3,) how to shift a hand so that jaws with one motor touch on two sides, m."""

@@ -146,7 +146,7 @@ class PlacingPlan(Record):
     parents: tuple[ClosedHand, ...] = ()
 
 
-def parts_of(
+def hand_parts(
     hand: Hand,
     fingers: Sequence[str],
     rng: np.random.Generator,
@@ -169,7 +169,7 @@ def parts_of(
     tree = hand.tree
     of_finger = {name: tree.mount_of[hand.fingers[name].joints[0]] for name in fingers}
     groups = {k: [name for name in fingers if of_finger[name] == k] for k in of_finger.values()}
-    arms = {k: None if move_base else _arm_of(hand, own) for k, own in groups.items()}
+    arms = {k: None if move_base else _common_arm(hand, own) for k, own in groups.items()}
     if together and any(arms.values()):
         raise ArgumentError(
             "together", "moves the bases of arms: ask for that, too, with move_base (--move-base)"
@@ -184,13 +184,14 @@ def parts_of(
     if together or len(tree.bases) == 1:
         arm = arms[next(iter(arms))]
         mounts = () if arm else tuple(range(len(tree.bases)))
-        return (_part(hand, tuple(fingers), mounts, arm, rng),)
+        return (_hand_part(hand, tuple(fingers), mounts, arm, rng),)
     return tuple(
-        _part(hand, tuple(own), () if arms[k] else (k,), arms[k], rng) for k, own in groups.items()
+        _hand_part(hand, tuple(own), () if arms[k] else (k,), arms[k], rng)
+        for k, own in groups.items()
     )
 
 
-def _arm_of(hand: Hand, fingers: Sequence[str]) -> Arm | None:
+def _common_arm(hand: Hand, fingers: Sequence[str]) -> Arm | None:
     """Return the arm that carries some fingers of one robot, None where there is none."""
     found = {name: arm_above(hand, carrier_of(hand, name)) for name in fingers}
     joints = {0 if arm is None else arm.joint for arm in found.values()}
@@ -203,7 +204,7 @@ def _arm_of(hand: Hand, fingers: Sequence[str]) -> Arm | None:
     return found[fingers[0]]
 
 
-def _part(
+def _hand_part(
     hand: Hand,
     fingers: tuple[str, ...],
     mounts: tuple[int, ...],
@@ -219,7 +220,7 @@ def _part(
     return HandPart(fingers, postures, mounts, arm, links, moved)
 
 
-def drawn(plan: PlacingPlan, index: int, number: int, rng: np.random.Generator) -> Draw:
+def draw_start(plan: PlacingPlan, index: int, number: int, rng: np.random.Generator) -> Draw:
     """Return where a part of the hand begins in a candidate.
 
     Args:
@@ -229,12 +230,12 @@ def drawn(plan: PlacingPlan, index: int, number: int, rng: np.random.Generator) 
         rng: Of both.
     """
     if plan.parents:
-        return _varied(plan, index, plan.parents[number % len(plan.parents)].draws[index], rng)
+        return _varied_draw(plan, index, plan.parents[number % len(plan.parents)].draws[index], rng)
     postures = plan.parts[index].postures
     chosen = int(rng.integers(len(postures)))
     posture = postures[chosen]
     opened = posture.closed + rng.uniform(*_OPENING) * (posture.opened - posture.closed)
-    R = _turned(plan, posture, rng)
+    R = _random_turn(plan, posture, rng)
     direction = R @ posture.axis if plan.direction is None else plan.direction
     low, high = box_around(plan.scene.object)
     inside = 0.5 * (low + high) + rng.uniform(-0.5, 0.5, 3) * _INNER_BOX * (high - low)
@@ -246,7 +247,9 @@ def drawn(plan: PlacingPlan, index: int, number: int, rng: np.random.Generator) 
     return Draw(chosen, opened, T, direction, bool(rng.random() < 0.5))
 
 
-def _turned(plan: PlacingPlan, posture: OpposingPosture, rng: np.random.Generator) -> FloatArray:
+def _random_turn(
+    plan: PlacingPlan, posture: OpposingPosture, rng: np.random.Generator
+) -> FloatArray:
     """Return a random (3, 3) turn of the hand; half of them close along a normal of the object."""
     if rng.random() < _ALIGNED_SHARE:
         areas = plan.areas
@@ -270,7 +273,7 @@ def _turned(plan: PlacingPlan, posture: OpposingPosture, rng: np.random.Generato
     return (roll * facing * tilt).as_matrix()
 
 
-def _varied(plan: PlacingPlan, index: int, draw: Draw, rng: np.random.Generator) -> Draw:
+def _varied_draw(plan: PlacingPlan, index: int, draw: Draw, rng: np.random.Generator) -> Draw:
     """Return a draw near another one."""
     posture = plan.parts[index].postures[draw.posture]
     rotation_vector = rng.normal(size=3) * _VARIED_TURN * (rng.random() < _TURNED_SHARE)

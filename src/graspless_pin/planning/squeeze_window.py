@@ -256,24 +256,24 @@ def squeeze_window(
             "'torque' or a stiffness (N m/rad)"
         )  # fmt: skip
     first = verdict_on(given)
-    change = _direction(problem, direction, first)
+    change = _squeeze_direction(problem, direction, first)
     kept = np.zeros(len(change), dtype=bool) if direction is None else change != 0.0
     if how is OtherJoints.FIXED:
         kept = np.ones(len(change), dtype=bool)
-    line = _Line(problem, given, change, kept, verdict_on)
-    low, high = line.reach(lowest=-1.0 if direction is None else -np.inf)
-    amounts = _amounts(samples, low, high)
-    found = [line.at(amount) for amount in amounts.tolist()]
+    line = _TorqueLine(problem, given, change, kept, verdict_on)
+    low, high = line.amount_range(lowest=-1.0 if direction is None else -np.inf)
+    amounts = _sampled_amounts(samples, low, high)
+    found = [line.sample_at(amount) for amount in amounts.tolist()]
     middle = int(np.searchsorted(amounts, 0.0))
     lower = upper = None
     if found[middle].holds:
-        brackets = [_bracket(found[middle::-1]), _bracket(found[middle:])]
-        lower, upper = _ends(line, brackets, share, _FINEST_END * (high - low))
+        brackets = [_first_bracket(found[middle::-1]), _first_bracket(found[middle:])]
+        lower, upper = _bisected_ends(line, brackets, share, _FINEST_END * (high - low))
     return SqueezeWindow(
         read_only(change),
         lower,
         upper,
-        tuple(_others(found, middle)),
+        tuple(_other_stretches(found, middle)),
         read_only(amounts),
         read_only(np.array([point.torques for point in found])),
         read_only(np.array([point.normal_force for point in found])),
@@ -288,7 +288,7 @@ def squeeze_window(
     )
 
 
-def _amounts(samples: int | Sequence[float], low: float, high: float) -> FloatArray:
+def _sampled_amounts(samples: int | Sequence[float], low: float, high: float) -> FloatArray:
     """Return the amounts that are looked at, ascending, that of the given torques among them."""
     if not isinstance(samples, Sequence | np.ndarray):
         count = whole_number("samples", samples, 1) + 1
@@ -303,7 +303,7 @@ def _amounts(samples: int | Sequence[float], low: float, high: float) -> FloatAr
 
 
 @dataclass(frozen=True, eq=False)
-class _Point:
+class _Sample:
     """One amount, and what is said of it."""
 
     amount: float
@@ -327,8 +327,8 @@ class _Point:
 class _Bracket(NamedTuple):
     """Where a window ends: the last point that holds, and the next that does not; None: none."""
 
-    good: _Point
-    bad: _Point | None
+    good: _Sample
+    bad: _Sample | None
 
     @property
     def width(self) -> float:
@@ -336,7 +336,7 @@ class _Bracket(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class _Line:
+class _TorqueLine:
     """Torques along a direction."""
 
     problem: QuasistaticProblem
@@ -345,7 +345,7 @@ class _Line:
     held: NDArray[np.bool_]
     verdict_on: Callable[[FloatArray], StabilityVerdict]
 
-    def reach(self, lowest: float) -> tuple[float, float]:
+    def amount_range(self, lowest: float) -> tuple[float, float]:
         """Return the least and the largest amount within the limits of the direction's joints."""
         moves = self.direction != 0.0
         change, torque = self.direction[moves], self.torques[moves]
@@ -355,12 +355,12 @@ class _Line:
         low = float(amounts[amounts <= 0.0].max(initial=-_FARTHEST_AMOUNT))
         return max(low, lowest), high
 
-    def at(self, amount: float) -> _Point:
+    def sample_at(self, amount: float) -> _Sample:
         """Return what becomes of an amount."""
         torques = self.torques + amount * self.direction
         if not self.held.all() and amount != 0.0:
             torques = _torques_that_follow(self.problem, torques, self.held, self.direction)
-        unlimited = self.problem.with_changes(torque_limits=(-np.inf, np.inf))  # `reach` has them
+        unlimited = self.problem.with_changes(torque_limits=(-np.inf, np.inf))
         best = solve_problem(unlimited, AtTorques(Margin(), torques), _REST)
         margin, pressed = best.margin, np.nan
         if best.found:
@@ -370,9 +370,9 @@ class _Line:
         # Torques that follow lie at the edge of what balances: rounding makes nothing less of it.
         if -_LIMIT_SLACK * self.problem.scales.force < margin < 0.0:
             margin = 0.0
-        return _Point(amount, torques, self.verdict_on(torques), margin, pressed)
+        return _Sample(amount, torques, self.verdict_on(torques), margin, pressed)
 
-    def limiting(self, amount: float) -> str:
+    def limiting_joint(self, amount: float) -> str:
         """Return the joint that is at its limit at an amount; empty: none is."""
         torques = self.torques + amount * self.direction
         for name, torque, low, high, change in zip(
@@ -402,27 +402,27 @@ def _torques_that_follow(
     lower[kept] = upper[kept] = torques[kept]
     least = LeastChange((*torques.tolist(),), (*direction.tolist(),))
 
-    def within(share: float) -> FloatArray | None:
+    def with_friction_share(share: float) -> FloatArray | None:
         friction = share * problem.friction
         changed = problem.with_changes(torque_limits=(lower, upper), friction=friction)
         solution = solve_problem(changed, least, _REST)
         return np.where(kept, torques, solution.torques) if solution.found else None
 
-    found = within(_FRICTION_USED)
+    found = with_friction_share(_FRICTION_USED)
     if found is not None:
         return found
-    found, (low, high) = within(1.0), (_FRICTION_USED, 1.0)
+    found, (low, high) = with_friction_share(1.0), (_FRICTION_USED, 1.0)
     if found is None:
         return torques
     for _ in range(_SHARE_HALVINGS):  # the least share, so that torques do not jump
         middle = 0.5 * (low + high)
-        nearer = within(middle)
+        nearer = with_friction_share(middle)
         low, high = (middle, high) if nearer is None else (low, middle)
         found = found if nearer is None else nearer
     return found
 
 
-def _direction(
+def _squeeze_direction(
     problem: QuasistaticProblem,
     given: ArrayLike | Mapping[str, float] | None,
     verdict: StabilityVerdict,
@@ -451,7 +451,7 @@ def _direction(
     return change
 
 
-def _bracket(points: Sequence[_Point]) -> _Bracket:
+def _first_bracket(points: Sequence[_Sample]) -> _Bracket:
     """Return the last point of a row up to which all hold, and the one after it."""
     for last, point in pairwise(points):
         if not point.holds:
@@ -459,7 +459,9 @@ def _bracket(points: Sequence[_Point]) -> _Bracket:
     return _Bracket(points[-1], None)
 
 
-def _ends(line: _Line, brackets: list[_Bracket], share: float, finest: float) -> list[WindowEnd]:
+def _bisected_ends(
+    line: _TorqueLine, brackets: list[_Bracket], share: float, finest: float
+) -> list[WindowEnd]:
     """Return both ends of a window, each to a share of its width.
 
     Args:
@@ -475,22 +477,22 @@ def _ends(line: _Line, brackets: list[_Bracket], share: float, finest: float) ->
         inside = brackets[1].good.amount - brackets[0].good.amount
         if bad is None or brackets[side].width <= max(share * inside, finest):
             break
-        middle = line.at(0.5 * (good.amount + bad.amount))
+        middle = line.sample_at(0.5 * (good.amount + bad.amount))
         brackets[side] = _Bracket(middle, bad) if middle.holds else _Bracket(good, middle)
-    return [_end(line, one) for one in brackets]
+    return [_window_end(line, one) for one in brackets]
 
 
-def _end(line: _Line, bracket: _Bracket) -> WindowEnd:
+def _window_end(line: _TorqueLine, bracket: _Bracket) -> WindowEnd:
     """Return the end that a bracket tells."""
     last, ends = bracket.good, (EndReason.SEARCH, "holds as far as it was looked")
     if bracket.bad is not None:
         ends = bracket.bad.failure
-    elif joint := line.limiting(last.amount):
+    elif joint := line.limiting_joint(last.amount):
         ends = EndReason.LIMIT, f"joint {joint!r} is at its effort limit"
     return WindowEnd(last.amount, read_only(last.torques), last.normal_force, *ends)
 
 
-def _others(points: list[_Point], middle: int) -> list[tuple[float, float]]:
+def _other_stretches(points: list[_Sample], middle: int) -> list[tuple[float, float]]:
     """Return the stretches of samples that hold, but for that about the given torques."""
     runs = groupby(range(len(points)), key=lambda index: points[index].holds)
     stretches = [[*run] for holds, run in runs if holds]

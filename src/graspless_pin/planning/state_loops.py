@@ -41,7 +41,7 @@ from graspless_pin.scene.scene_findings import StateChecks, state_findings
 
 _FOUND = STATUSES.index(StateStatus.FOUND)
 COVERAGES = None, *Coverage
-_Group = tuple[NDArray[np.intp], Callable[[int], int]]
+_StateGroup = tuple[NDArray[np.intp], Callable[[int], int]]
 """Numbers of states that one loop takes, and what solves them from one of these on: it returns how
 many before one needs more."""
 
@@ -72,7 +72,7 @@ class StateFigures(NamedTuple):
         codes, counts = np.full(count, _FOUND, np.uint8), np.zeros(count, np.int32)
         return cls(codes, figures, torques, counts, np.zeros(count, np.uint8))
 
-    def put(self, number: int, evaluation: Evaluation, torque_names: tuple[str, ...]) -> None:
+    def enter(self, number: int, evaluation: Evaluation, torque_names: tuple[str, ...]) -> None:
         """Enter what was found of one state.
 
         Args:
@@ -92,7 +92,9 @@ class StateFigures(NamedTuple):
             columns = columns_among(torque_names, evaluation.joint_names)
             self.torques[number, columns] = evaluation.torques
 
-    def refuse(self, number: int, at: Configurations, scene: Scene, checks: StateChecks) -> None:
+    def enter_refusal(
+        self, number: int, at: Configurations, scene: Scene, checks: StateChecks
+    ) -> None:
         """Enter the first of the `refusals` of a scene in one of the states, if there is any."""
         for status, _ in islice(refusals(at, scene, checks), 1):
             self.codes[number] = STATUSES.index(status)
@@ -115,7 +117,7 @@ def refusals(
     """
     for finding in state_findings(scene, checks):
         yield StateStatus[finding.code.name], finding.message
-    deep = at.overlap(scene) if checks.collisions else ""
+    deep = at.object_overlap(scene) if checks.collisions else ""
     if deep:
         yield StateStatus.OVERLAP, deep
 
@@ -178,7 +180,7 @@ class StateLoops:
         if q is not None and states is not None:
             clear = (~states.doubtful).tolist()
             remaining = np.flatnonzero(states.counts < 0).tolist()
-            for order, advance in self._groups(q, states, objective, enough, found):
+            for order, advance in self._state_groups(q, states, objective, enough, found):
                 begin = 0
                 while begin < len(order):
                     begin += advance(begin)
@@ -193,14 +195,14 @@ class StateLoops:
         """Return configurations (K, a) posed by loops; None: they cannot be."""
         return None if self._at.scene.hand is None else self._finder.at(q)
 
-    def _groups(
+    def _state_groups(
         self,
         q: FloatArray,
         states: BatchContacts,
         objective: Objective,
         enough: float | None,  # noqa: ARG002 - here optima are as cheap
         found: StateFigures,
-    ) -> Iterator[_Group]:
+    ) -> Iterator[_StateGroup]:
         """Yield states with the same contacts, those alone that have no serious finding.
 
         Args:
@@ -211,8 +213,8 @@ class StateLoops:
             found: Where what is found is entered.
         """
         for shapes, touching in states.groups():
-            order = self._sound(shapes, touching, q, states, found)
-            yield order, partial(self._advance, shapes, objective, order, states, found)
+            order = self._without_findings(shapes, touching, q, states, found)
+            yield order, partial(self._solve_group, shapes, objective, order, states, found)
 
     def answer(self, states: BatchContacts, objective: Objective) -> WarmAnswer | None:
         """Solve one state as many are; None: it has to be solved by itself.
@@ -250,7 +252,7 @@ class StateLoops:
             return None
         return is_reached(answer.optimum.value, answer.optimum.signed_unit, margin)
 
-    def _sound(
+    def _without_findings(
         self,
         shapes: tuple[int, ...],
         order: NDArray[np.intp],
@@ -271,16 +273,16 @@ class StateLoops:
         of_overlaps = self._checks._replace(need_hand=False)
         doubtful = order[states.doubtful[order]].tolist()
         # Where contacts with supports are wrong, that is said of each state by itself.
-        if not (off or doubtful) or self._without_problem(at.scene_at(q[order[0]], None, None)):
+        if not (off or doubtful) or self._has_no_problem(at.scene_at(q[order[0]], None, None)):
             return order
         if off:
             found.codes[order] = STATUSES.index(StateStatus.HAND_TOUCHES_NOTHING)
             return order[:0]
         for number in doubtful:
-            found.refuse(number, at, at.scene_at(q[number], None, None), of_overlaps)
+            found.enter_refusal(number, at, at.scene_at(q[number], None, None), of_overlaps)
         return order[found.codes[order] == _FOUND]
 
-    def _advance(
+    def _solve_group(
         self,
         shapes: tuple[int, ...],
         objective: Objective,
@@ -307,7 +309,7 @@ class StateLoops:
         return count
 
     @staticmethod
-    def _without_problem(scene: Scene) -> bool:
+    def _has_no_problem(scene: Scene) -> bool:
         """Return whether a scene has no problem in its state."""
         try:
             scene.problem()
@@ -338,7 +340,7 @@ class AttachedLoops(StateLoops):
         if states.counts[0] < 0 or states.doubtful[0]:
             return None
         figures, torques = np.empty((1, 6)), np.empty((1, self._problem.joint_count))
-        loads, sweep = self._loads(states, slice(None)), self._sweep(Margin())
+        loads, sweep = self._load_rows(states, slice(None)), self._load_sweep(Margin())
         if not sweep.advance(self._problem, loads, 0, figures, torques, enough=margin):
             return None
         _, value, _, _, _, unit = figures[0].tolist()
@@ -347,24 +349,24 @@ class AttachedLoops(StateLoops):
     def posed(self, q: FloatArray, objective: Objective) -> BatchContacts | None:
         """Do what `StateLoops.posed` does; None: loops are not for this objective, too."""
         cone = CONE_MODELS[self._at.scene.cone]
-        if self._loops is None or not are_for(cone, objective, self._options):
+        if self._posing_loops is None or not are_for(cone, objective, self._options):
             return None
-        return BatchContacts(*self._loops.at(q))
+        return BatchContacts(*self._posing_loops.at(q))
 
-    def _groups(
+    def _state_groups(
         self,
         q: FloatArray,
         states: BatchContacts,
         objective: Objective,
         enough: float | None,
         found: StateFigures,
-    ) -> Iterator[_Group]:
+    ) -> Iterator[_StateGroup]:
         within, problem = states.counts >= 0, self._problem
         for number in np.flatnonzero(within & states.doubtful).tolist():
-            scene = self._at.answered_at(q[number], None, None)
-            found.refuse(number, self._at, scene, self._checks)
+            scene = self._at.solved_scene_at(q[number], None, None)
+            found.enter_refusal(number, self._at, scene, self._checks)
         order = np.flatnonzero(within & (found.codes == _FOUND))
-        loads, sweep = self._loads(states, order), self._sweep(objective)
+        loads, sweep = self._load_rows(states, order), self._load_sweep(objective)
         figures, torques = np.empty((len(order), 6)), np.empty((len(order), problem.joint_count))
         columns = columns_among((*possible_columns(self._at.hand),), problem.joint_names)
 
@@ -379,7 +381,7 @@ class AttachedLoops(StateLoops):
 
         yield order, advance
 
-    def _loads(self, states: BatchContacts, order: Any) -> FloatArray:
+    def _load_rows(self, states: BatchContacts, order: Any) -> FloatArray:
         """Return (K, 2M + 6 + 3L) what bears on the contacts of some states as loops take it."""
         at, problem = self._at, self._problem
         kinematics = Kinematics(states.poses[order], states.columns[order])
@@ -388,15 +390,15 @@ class AttachedLoops(StateLoops):
         )
         torques = torques + states.weights[order]
         if at.motors_carry:
-            torques = at.carrying(kinematics, wrenches, torques)
-        rows, count = np.empty((len(torques), len(self._row))), problem.contact_count
-        rows[:] = self._row
-        rows[:, count : count + 6] = at.in_axes(kinematics, wrenches)
+            torques = at.torques_with_load(kinematics, wrenches, torques)
+        rows, count = np.empty((len(torques), len(self._constant_loads))), problem.contact_count
+        rows[:] = self._constant_loads
+        rows[:, count : count + 6] = at.wrenches_in_link_axes(kinematics, wrenches)
         begin = count + 6 + 2 * problem.joint_count
-        rows[:, begin : begin + problem.joint_count] += torques @ at.motors
+        rows[:, begin : begin + problem.joint_count] += torques @ at.motor_map
         return rows
 
-    def _sweep(self, objective: Objective) -> LoadSweep:
+    def _load_sweep(self, objective: Objective) -> LoadSweep:
         """Return the loops for an objective."""
         sweeps = self._sweeps
         if objective not in sweeps:
@@ -417,14 +419,14 @@ class AttachedLoops(StateLoops):
         return self._at.shared_problem(self._at.scene, self._at.scene.problem())
 
     @cached_property
-    def _row(self) -> FloatArray:
+    def _constant_loads(self) -> FloatArray:
         """What of the loads no state changes; those of the joints are added to it."""
         scene = self._at.scene
         loads = loads_of(scene, jointed_contacts(scene))
         return loads._replace(gravity_torques=np.zeros(self._problem.joint_count)).row()
 
     @cached_property
-    def _loops(self) -> Any:
+    def _posing_loops(self) -> Any:
         """The loops that pose the hand; None: nothing was compiled."""
         if core is None:
             return None
@@ -441,13 +443,13 @@ class AttachedLoops(StateLoops):
             np.concatenate([placements, at.T_joint_object @ T_object_pieces]),
             solids_of(joined).for_loops,
         )
-        pairs = _pairs(at, moving[-1], len(pieces)) if self._checks.collisions else None
+        pairs = _checked_pairs(at, moving[-1], len(pieces)) if self._checks.collisions else None
         return loops_of(at.scene, at.coupling(), moving, _NO_BODIES, pairs)
 
 
-def _pairs(at: AttachedConfigurations, sets: Any, pieces: int) -> Any:
+def _checked_pairs(at: AttachedConfigurations, sets: Any, pieces: int) -> Any:
     """Return the pairs of links, and of links beside the object and its pieces, for loops."""
-    count, tree = len(at.beside), at.hand.tree
-    beside = np.flatnonzero(at.beside).tolist()
+    count, tree = len(at.moves_apart), at.hand.tree
+    beside = np.flatnonzero(at.moves_apart).tolist()
     places = [*pairs_of(tree).tolist(), *((k, count + p) for k in beside for p in range(pieces))]
     return core.BodyPairs(sets, [i for i, _ in places], [j for _, j in places])

@@ -15,9 +15,9 @@ from graspless_pin.algorithms.warm_search import StartsByContacts, reaches_margi
 from graspless_pin.errors import JointLimitError, StateError
 from graspless_pin.planning.attached_states import (
     AttachedConfigurations,
-    turned_optimum,
-    turned_problem,
-    turned_solution,
+    rotated_optimum,
+    rotated_problem,
+    rotated_solution,
 )
 from graspless_pin.planning.configurations import Configurations
 from graspless_pin.planning.evaluation import Evaluation, StateStatus, WarmAnswer
@@ -88,13 +88,13 @@ class StateSolver:
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Return what was given: what was learned is learned again elsewhere."""
-        return type(self), self._given(self.objective)
+        return type(self), self._arguments(self.objective)
 
     def with_objective(self, objective: Objective) -> StateSolver:
         """Return one for another objective, that has learned nothing."""
-        return type(self)(*self._given(objective))
+        return type(self)(*self._arguments(objective))
 
-    def _given(self, objective: Objective) -> tuple[Any, ...]:
+    def _arguments(self, objective: Objective) -> tuple[Any, ...]:
         """Return what one for an objective is made of."""
         return self.configurations, objective, self.options, self.checks
 
@@ -113,12 +113,12 @@ class StateSolver:
         scene, problem, faults = self.posed(q, T_world_object, twist, clear=clear)
         if problem is None or faults:
             return Evaluation(*faults[0], scene, None)
-        shared = self._shared(scene, problem)
-        return self._evaluation(scene, shared, self._found(scene, shared, self.objective))
+        shared = self._shared_problem(scene, problem)
+        return self._evaluation(scene, shared, self._optimum(scene, shared, self.objective))
 
     def evaluate(self, q: Any, T_world_object: Any, twist: Any) -> Evaluation:
         """Return the whole answer for one state: see `Evaluator.evaluate`."""
-        known = self._in_loops(q, T_world_object, twist, self.objective)
+        known = self._posed_by_loops(q, T_world_object, twist, self.objective)
         answer = None if known is None else self.loops.answer(known, self.objective)
         if answer is not None:
             scene = self.configurations.scene_at(q, None, None)
@@ -129,13 +129,13 @@ class StateSolver:
         # Where motors carry the link, the whole is not the problem that all states share.
         alike = ("whole",) * self.configurations.motors_carry
         R = None if self.options.strong else self.configurations.axes_at(scene)
-        there = problem if R is None else turned_problem(problem, R.T)
-        found = self._found(scene, there, self.objective, alike)
+        there = problem if R is None else rotated_problem(problem, R.T)
+        found = self._optimum(scene, there, self.objective, alike)
         if R is not None:
             found = (
-                turned_solution(found, problem, R)
+                rotated_solution(found, problem, R)
                 if isinstance(found, TorqueSolution)
-                else turned_optimum(found, R)
+                else rotated_optimum(found, R)
             )
         return self._evaluation(scene, problem, found)
 
@@ -167,8 +167,8 @@ class StateSolver:
         Returns:
             The margin, -inf where there are no torques, and `StateStatus.FOUND` if it is enough.
         """
-        shared = self._shared(scene, problem)
-        found = self._found(scene, shared, Margin())
+        shared = self._shared_problem(scene, problem)
+        found = self._optimum(scene, shared, Margin())
         if isinstance(found, TorqueSolution):
             force = found.problem.scales.force
             return status_of_margin(found, force, found.certificate.bound, required)
@@ -191,7 +191,7 @@ class StateSolver:
         solve = margin >= 0.0
         known = None
         if solve and clear is None:
-            known = self._in_loops(q, T_world_object, twist, Margin())
+            known = self._posed_by_loops(q, T_world_object, twist, Margin())
         reached = None if known is None else self.loops.reaches(known, margin)
         if reached is not None:
             return reached
@@ -208,12 +208,14 @@ class StateSolver:
         scene, problem, faults = state
         if faults or problem is None:
             return not faults
-        shared, objective, options = self._shared(scene, problem), Margin(), self.options
+        shared, objective, options = self._shared_problem(scene, problem), Margin(), self.options
         starts = self._starts.for_contacts(scene.contacts.bodies, shared, objective)
         found = starts.optimum(shared, objective, options)
         if found is not None:
             return is_reached(found.value, found.signed_unit, margin)
-        reached, learned = reaches_margin(shared, margin, options, starts.best, self._rest(scene))
+        reached, learned = reaches_margin(
+            shared, margin, options, starts.best, self._rest_model(scene)
+        )
         starts.learn(learned)
         self.loops.learn(scene, problem)
         return bool(reached)
@@ -243,12 +245,12 @@ class StateSolver:
         problem: QuasistaticProblem | None = None
         faults: list[tuple[StateStatus, str]] = []
         try:
-            scene = at.answered_at(q, T_world_object, twist)
+            scene = at.solved_scene_at(q, T_world_object, twist)
         except JointLimitError as error:
             faults.append((StateStatus.OUTSIDE_LIMITS, str(error)))
             if not whole:
                 return PosedScene(at.scene_at(None, T_world_object, twist), None, tuple(faults))
-            scene = at.without_limits.answered_at(q, T_world_object, twist)
+            scene = at.without_limits.solved_scene_at(q, T_world_object, twist)
         try:
             if solve:
                 problem = scene.problem()
@@ -267,16 +269,16 @@ class StateSolver:
             faults += islice(refusals(at, scene, checks), None if whole else 1)
         return PosedScene(scene, problem, tuple(faults))
 
-    def _in_loops(
+    def _posed_by_loops(
         self, q: Any, T_world_object: Any, twist: Any, objective: Objective
     ) -> BatchContacts | None:
         """Return a state posed by loops; None: they do not take it."""
         if T_world_object is not None or twist is not None:
             return None
-        row = self.configurations.row(q)
+        row = self.configurations.position_row(q)
         return None if row is None else self.loops.posed(row[None], objective)
 
-    def _shared(self, scene: Scene, problem: QuasistaticProblem) -> QuasistaticProblem:
+    def _shared_problem(self, scene: Scene, problem: QuasistaticProblem) -> QuasistaticProblem:
         """Return the problem as states with the same contacts share it, but for loads.
 
         Rest is judged in world axes.
@@ -284,7 +286,7 @@ class StateSolver:
         strong = self.options.strong
         return problem if strong else self.configurations.shared_problem(scene, problem)
 
-    def _found(
+    def _optimum(
         self,
         scene: Scene,
         problem: QuasistaticProblem,
@@ -303,11 +305,11 @@ class StateSolver:
         found = starts.optimum(problem, objective, self.options)
         if found is not None:
             return found
-        solution = starts.search(problem, objective, self.options, self._rest(scene))
+        solution = starts.search(problem, objective, self.options, self._rest_model(scene))
         self.loops.learn(scene, problem)
         return solution
 
-    def _rest(self, scene: Scene) -> RestModel | None:
+    def _rest_model(self, scene: Scene) -> RestModel | None:
         return rest_model_of(scene) if self.options.strong else None
 
 

@@ -56,7 +56,7 @@ class EarlierForces(NamedTuple):
     mode: SlidingMode | None
 
 
-def are_served(
+def earlier_forces_serve(
     members: Sequence[Member],
     earlier: EarlierForces,
     margin: float,
@@ -78,7 +78,7 @@ def are_served(
     """
     if margin > earlier.margin:
         return False
-    commands, mode = _commands(members, earlier), earlier.mode
+    commands, mode = _balancing_commands(members, earlier), earlier.mode
     if commands is None:
         return False
     margins = member_margins(
@@ -97,7 +97,7 @@ def are_served(
     return not isinstance(verdict, Conflict)
 
 
-def _commands(members: Sequence[Member], earlier: EarlierForces) -> FloatArray | None:
+def _balancing_commands(members: Sequence[Member], earlier: EarlierForces) -> FloatArray | None:
     """Return (L,) commands of forces near earlier ones that balance the mean load; None: none."""
     first, mode = members[0].problem, earlier.mode
     coordinates = force_coordinates(first)
@@ -165,9 +165,9 @@ class UncertainStateSolver(StateSolver):
         self.uncertainty = self._set = uncertainty
         self._earlier: dict[tuple[Any, ...], EarlierForces] = Bounded(_MOST_KEPT)
 
-    def _given(self, objective: Objective) -> tuple[Any, ...]:
+    def _arguments(self, objective: Objective) -> tuple[Any, ...]:
         """Return what one for an objective is made of."""
-        return *super()._given(objective), self._set
+        return *super()._arguments(objective), self._set
 
     def solve(self, q: Any, T_world_object: Any, twist: Any, *, clear: bool = False) -> Evaluation:  # noqa: ARG002
         """Solve for one state: there are no records to do without."""
@@ -178,7 +178,7 @@ class UncertainStateSolver(StateSolver):
         scene, problem, faults = self.posed(q, T_world_object, twist)
         if problem is None or faults:
             return Evaluation(*faults[0], scene, None)
-        robust = self._robust(scene, self.objective)
+        robust = self._robust_solution(scene, self.objective)
         if robust.found:
             return Evaluation(StateStatus.FOUND, "", scene, robust)
         return Evaluation(StateStatus.of_unsolved(robust.status), str(robust), scene, robust)
@@ -190,7 +190,7 @@ class UncertainStateSolver(StateSolver):
         required: float,
     ) -> tuple[float, StateStatus]:
         """Return the largest margin that one vector of torques keeps for all members."""
-        return _margin_and_status(self._robust(scene, Margin()), required)
+        return _margin_and_status(self._robust_solution(scene, Margin()), required)
 
     def reaches(
         self,
@@ -204,7 +204,7 @@ class UncertainStateSolver(StateSolver):
         """Tell whether a state is proven to reach a margin for all members."""
         known = None
         if margin >= 0.0 and self._is_coulomb:
-            known = self._in_loops(q, T_world_object, twist, Margin())
+            known = self._posed_by_loops(q, T_world_object, twist, Margin())
         if known is not None and self.loops.reaches(known, margin) is False:
             return False
         return self.holds(self.posed(q, T_world_object, twist, solve=margin >= 0.0), margin)
@@ -214,10 +214,10 @@ class UncertainStateSolver(StateSolver):
         scene, problem, faults = state
         if faults or problem is None:
             return not faults
-        earlier = self._earlier.get(_touching(scene))
+        earlier = self._earlier.get(_contact_key(scene))
         if earlier is not None:
             members, directions = corners_in(scene, self._set)
-            if are_served(members, earlier, margin, self.options, directions=directions):
+            if earlier_forces_serve(members, earlier, margin, self.options, directions=directions):
                 return True
         if self._is_coulomb:
             # Of convex loads the nominal one is among the means of the corners: it is no worse.
@@ -226,22 +226,26 @@ class UncertainStateSolver(StateSolver):
         elif not self.options.rules.by_direction:
             coulomb = replace(self.options.rules, static_friction=StaticFriction.COULOMB)
             mode = None if earlier is None else earlier.mode
-            if mode is not None and self._reaches(self._robust(scene, Margin(), mode), margin):
+            if mode is not None and self._reaches_margin(
+                self._robust_solution(scene, Margin(), mode), margin
+            ):
                 return True
             relaxed = replace(self.options, rules=coulomb)
-            if not self._reaches(self._robust(scene, Margin(), options=relaxed), margin):
+            if not self._reaches_margin(
+                self._robust_solution(scene, Margin(), options=relaxed), margin
+            ):
                 return False
-        return self._reaches(self._robust(scene, Margin()), margin)
+        return self._reaches_margin(self._robust_solution(scene, Margin()), margin)
 
     @staticmethod
-    def _reaches(robust: RobustSolution, margin: float) -> bool:
+    def _reaches_margin(robust: RobustSolution, margin: float) -> bool:
         return _margin_and_status(robust, margin)[1] is StateStatus.FOUND
 
     @property
     def _is_coulomb(self) -> bool:
         return self.options.rules.static_friction is StaticFriction.COULOMB
 
-    def _robust(
+    def _robust_solution(
         self,
         scene: Scene,
         objective: Objective,
@@ -263,7 +267,7 @@ class UncertainStateSolver(StateSolver):
             first, mean = robust.members[0], robust.contact_forces.mean(axis=0)
             local = (mean[:, None] @ first.problem.frames)[:, 0]
             mode = of_member(robust.solution.given_mode, first)
-            self._earlier[_touching(scene)] = EarlierForces(local, robust.margin, mode)
+            self._earlier[_contact_key(scene)] = EarlierForces(local, robust.margin, mode)
         return robust
 
 
@@ -273,7 +277,7 @@ def _margin_and_status(robust: RobustSolution, required: float) -> tuple[float, 
     return status_of_margin(robust, force, robust.bound, required)
 
 
-def _touching(scene: Scene) -> tuple[Any, ...]:
+def _contact_key(scene: Scene) -> tuple[Any, ...]:
     """Return what is alike where the same modes are at hand."""
     contacts = scene.contacts
     return contacts.bodies, contacts.sliding.any(axis=1).tobytes()
