@@ -1,4 +1,4 @@
-r"""What multipliers prove of all outcomes in which contacts are in given states.
+r"""Upper bounds over all outcomes with contacts in given states, proven by multipliers.
 
 For every outcome and all multipliers, with c = q + A lambda and
 v = p - lambda + sum_l (nu_l a_n,l + A_t,l^T kappa_l),
@@ -8,8 +8,8 @@ v = p - lambda + sum_l (nu_l a_n,l + A_t,l^T kappa_l),
 
 (plus terms of what joints do by themselves, `dynamics.without_free_joints`),
 because y = A^T f + h, |y|^2 + sum mu f_n |u_t| <= h.y, and nu_l u_n,l >= 0 where nu_l >= 0 or
-u_n,l = 0. The terms of one contact are bounded over what its state leaves: forces of its cone or of
-the arc opposite to its slip, f_n >= its smallest load, u_t in the arc of its slip.
+u_n,l = 0. The terms of one contact are bounded over what its state admits: forces in its cone or in
+the arc opposite to its slip, f_n >= its smallest normal force, u_t in the arc of its slip.
 """
 
 from __future__ import annotations
@@ -28,40 +28,41 @@ from graspless_pin.holding.verdict import ContactState, DualBound
 from graspless_pin.problem.checks import FloatArray
 
 RANK = 1e-9
-"""Rows that are shorter than this share of the longest, after the others, add nothing."""
+"""Relative: rows with smaller singular values depend on the others."""
 _ROUNDING = 1e-9
 """Gains per newton below this are rounding."""
 _NUMBERS = {state: number for number, state in enumerate(ContactState)}
 _EXACT = 1e-15
-"""Gains per newton up to this are left: a million loads make little of them."""
+"""Gains per newton up to this are accepted: a million loads make little of them."""
 _CLOSING = 1e-13
-"""Scaled acceleration: what rounding leaves of rows that depend on each other is a hundredth."""
+"""Largest closing tolerance, scaled acceleration: a hundred times the rounding error of dependent
+rows."""
 PATCH_TOLERANCE = 10.0
-"""Times the closing tolerance: slips of a patch that count as none."""
+"""Factor on the closing tolerance: slips of a patch up to this count as sticking."""
 _STILL = 1e-9
-"""A load that is smaller than this counts as so large."""
+"""Smaller norms of the load are replaced by this."""
 _REMEMBERED = 256
-"""Multipliers that are tried again."""
+"""Most multipliers that are kept to be tried on other sets."""
 _REPAIRS = 4
-"""Changes of multipliers: the best force of a contact changes with them."""
+"""Rounds of changes of multipliers: the best force of a contact changes with them."""
 
 
 @dataclass(frozen=True, eq=False)
 class States:
-    """What is known of each contact.
+    """The known states of all contacts: a set of outcomes.
 
     Attributes:
         state: M states.
-        center: (M,) angle of the middle of its slip, rad.
-        half_width: (M,) rad; pi where any direction is possible; -1 where none is: it does not
-            slip. Of patches, whose contacts may be open or closed all the same, and of those that
-            slip.
-        closes: (M,) contacts whose closing depends on that of others: relaxations need no row for
-            it, and rows that depend on others make large multipliers.
-        sticks: (M,) contacts of whose sticking that is true.
-        parts: (M,) u_n up to which a contact counts as closed where kinematics prove no more.
+        center: (M,) middle of the arc of slip directions, angle from t1, rad.
+        half_width: (M,) half the width of that arc, rad; pi: any direction is possible; -1: the
+            contact does not slip. Set for slipping contacts, and for contacts of patches whether
+            they are open or closed.
+        closes: (M,) contacts whose closing follows from that of others: relaxations need no row for
+            it, and dependent rows would make large multipliers.
+        sticks: (M,) contacts whose sticking follows from that of others, likewise.
+        parts: (M,) u_n up to which a contact counts as closed, if above the closing tolerance.
         slips: (M,) |u_t| up to which it counts as sticking, likewise.
-        patches: What is known of patches.
+        patches: The known slips of patches.
     """
 
     state: tuple[ContactState, ...]
@@ -75,7 +76,7 @@ class States:
 
     @classmethod
     def unknown(cls, count: int) -> States:
-        """Return the states of which nothing is known."""
+        """Return the set of all outcomes: every contact's state is undecided."""
         none, zeros = np.zeros(count, dtype=bool), np.zeros(count)
         free = (ContactState.FREE,) * count
         return cls(free, zeros, np.full(count, np.pi), none, none, zeros, zeros)
@@ -90,15 +91,15 @@ class States:
         depends: bool = False,
         most: float = 0.0,
     ) -> States:
-        """Return the states with one contact's replaced.
+        """Return the states with that of one contact replaced.
 
         Args:
             contact: Its index.
             state: Its state.
-            center: Middle of the directions of its slip, rad.
-            half_width: Half their width, rad.
+            center: Middle of the arc of its slip directions, rad.
+            half_width: Half the width of that arc, rad.
             depends: Whether its rows depend on those of closed and sticking contacts.
-            most: How far it parts or slips all the same, scaled.
+            most: Scaled acceleration up to which it counts as closed or sticking.
         """
         centers, widths = self.center.copy(), self.half_width.copy()
         closes, sticks = self.closes.copy(), self.sticks.copy()
@@ -115,30 +116,30 @@ class States:
         return States(states, centers, widths, closes, sticks, parts, slips, self.patches)
 
     def with_patch(self, patch: PatchSlip, most: float) -> States:
-        """Return the states with what is known of a patch; most: slips that count as none."""
+        """Return the states with the slip of a patch; most: slips that count as sticking."""
         contacts, sticks, slips = [*patch.contacts], self.sticks.copy(), self.slips.copy()
         centers, widths = self.center.copy(), self.half_width.copy()
-        # Of a contact that was split by itself more is known.
+        # A contact that was split by itself has a narrower arc already.
         free = ~self.are(ContactState.STICKING, ContactState.SLIPPING)[contacts]
         centers[contacts] = np.where(free, patch.arcs[:, 0], centers[contacts])
         widths[contacts] = np.where(free, patch.arcs[:, 1], widths[contacts])
         if patch.cone is None:
-            # Where those do not slip that tell the motion, none does.
+            # The first contacts determine the planar motion: if they stick, all do.
             sticks[contacts[patch.determining_count :]] = True
             own = self.are(ContactState.STICKING)[contacts]
             slips[contacts] = np.where(own, slips[contacts], np.maximum(slips[contacts], most))
-        others = (*(one for one in self.patches if one.contacts != patch.contacts), patch)
+        patches = (*(own for own in self.patches if own.contacts != patch.contacts), patch)
         return replace(
-            self, center=centers, half_width=widths, sticks=sticks, slips=slips, patches=others
+            self, center=centers, half_width=widths, sticks=sticks, slips=slips, patches=patches
         )
 
     def patch_slip(self, patch: Patch) -> PatchSlip | None:
-        """Return what is known of a patch; None: nothing."""
-        return next((one for one in self.patches if one.contacts == patch.contacts), None)
+        """Return the known slip of a patch; None: it has not been split yet."""
+        return next((own for own in self.patches if own.contacts == patch.contacts), None)
 
     @cached_property
     def does_not_slip(self) -> NDArray[np.bool_]:
-        """(M,) contacts that do not slip, open ones of such patches among them."""
+        """(M,) contacts that do not slip, including open contacts of sticking patches."""
         return self.are(ContactState.STICKING) | (self.half_width < 0.0)
 
     @cached_property
@@ -158,23 +159,23 @@ class States:
 
     @cached_property
     def numbers(self) -> NDArray[np.intp]:
-        """(M,) the states' places among all `ContactState`."""
+        """(M,) the states' indices in the order of `ContactState`."""
         return np.array([_NUMBERS[state] for state in self.state])
 
 
 @cache
 def _state_mask(kinds: tuple[ContactState, ...]) -> NDArray[np.bool_]:
-    """Return which of all `ContactState` are some kinds."""
+    """Return a mask over all `ContactState`: true for the given kinds."""
     return np.array([state in kinds for state in ContactState])
 
 
 def least_along(vectors: FloatArray, center: FloatArray, half_width: FloatArray) -> FloatArray:
-    """Return the smallest product of each vector (M, 2) with a unit vector of its arc."""
+    """Return (M,) smallest dot products of each vector (M, 2) with the unit vectors of its arc."""
     return (vectors * least_direction(vectors, center, half_width)).sum(axis=1)
 
 
 def least_direction(vectors: FloatArray, center: FloatArray, half_width: FloatArray) -> FloatArray:
-    """Return the unit vector of each arc that has the smallest product with its vector, (M, 2)."""
+    """Return (M, 2) the unit vector of each arc with the smallest dot product with its vector."""
     opposite_angle = np.arctan2(-vectors[:, 1], -vectors[:, 0]) - center
     opposite_angle = (opposite_angle + np.pi) % (2.0 * np.pi) - np.pi
     angle = center + np.clip(opposite_angle, -half_width, half_width)
@@ -184,10 +185,10 @@ def least_direction(vectors: FloatArray, center: FloatArray, half_width: FloatAr
 def repaired_multipliers(
     dynamics: Dynamics, states: States, dual: DualBound, goal: tuple[FloatArray, FloatArray]
 ) -> DualBound:
-    """Return multipliers of which rounding does not say that large forces pay.
+    """Return multipliers with the smallest change of lambda that removes gains due to rounding.
 
-    The smallest changes of lambda after which no contact's force gains: forces are unbounded, so
-    that a gain of 1e-9 for each newton proves nothing.
+    After it no contact's force raises the bound: as forces are unbounded, multipliers with a gain
+    of 1e-9 per newton would prove nothing.
     """
     unbounded = ~states.are(ContactState.OPEN) & ~dynamics.is_commanded
     motion = dual.motion
@@ -195,7 +196,7 @@ def repaired_multipliers(
         c = goal[1] + dynamics.rows @ motion
         sides = dynamics.friction[:, None] * least_direction(c[:, 1:], *states.arcs)
         gain = c[:, 0] - (sides * c[:, 1:]).sum(axis=1)
-        # Where no force of a contact gains, no component does; else only the best force may not.
+        # Where c vanishes, every component must stay zero; else only the best force may not gain.
         vanishing = unbounded & (np.abs(c).max(axis=1) < _ROUNDING)
         touching = unbounded & ~vanishing & (gain > -_ROUNDING)
         gains = dynamics.rows[:, 0] - np.einsum("li,lin->ln", sides, dynamics.rows[:, 1:])
@@ -211,10 +212,10 @@ def repaired_multipliers(
 
 
 def fixed_rows(dynamics: Dynamics, states: States) -> FloatArray:
-    """Return the rows along which closed contacts do not part and sticking ones do not slip.
+    """Return (k, n) rows along which closed contacts do not part and sticking ones do not slip.
 
-    Rows that depend on others are left out: what was proven from these is known to a tolerance
-    only, and proofs from proofs would make it grow.
+    Dependent rows are left out: what was proven from other rows holds to a tolerance only, which
+    would grow if proofs were built on it.
     """
     rows, (closed, sticking) = dynamics.rows, _fixed_contacts(dynamics, states)
     return np.vstack([rows[closed, 0], rows[sticking, 1:].reshape(-1, rows.shape[2])])
@@ -223,13 +224,15 @@ def fixed_rows(dynamics: Dynamics, states: States) -> FloatArray:
 def kinematic_dual(
     dynamics: Dynamics, states: States, goal: FloatArray, normal: FloatArray
 ) -> DualBound:
-    """Return the multipliers with which the fixed rows take away most of a goal, without forces.
+    """Return multipliers of the fixed rows alone (lambda = 0) that cancel a goal best.
+
+    They solve a least-squares problem.
 
     Args:
         dynamics: The scaled dynamics.
         states: Of the contacts.
-        goal: (n,) what is left of p after the normal rows.
-        normal: (M,) multipliers of those.
+        goal: (n,) p plus the normal rows times their multipliers.
+        normal: (M,) multipliers of those rows.
     """
     fixed = fixed_rows(dynamics, states)
     weights = least_squares(fixed.T, -goal, RANK)
@@ -245,23 +248,22 @@ def kinematic_dual(
 def _fixed_contacts(
     dynamics: Dynamics, states: States
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Return which contacts (M,) stay closed and which stick, whatever others do."""
+    """Return masks (M,) of contacts that stay closed and that stick, by their own states alone."""
     closed = states.are(ContactState.CLOSED, ContactState.STICKING, ContactState.SLIPPING)
     return closed & ~dynamics.is_commanded & ~states.closes, states.does_not_slip & ~states.sticks
 
 
 def closing_tolerance(dynamics: Dynamics) -> float:
-    """Return the scaled acceleration up to which closed contacts part and sticking ones slip.
+    """Return the scaled acceleration up to which a contact counts as closed or as sticking.
 
-    A contact that cannot part by more counts as closed: without a tolerance four corners in one
-    plane, known to 16 digits, would not close each other. Narrow sectors of slip have multipliers
-    of some thousand, which it costs.
+    Without a tolerance, four corners in one plane known to 16 digits would not close each other.
+    A bound grows by the tolerance times the multipliers, some thousand for narrow arcs of slip.
     """
     return min(1e-3 * dynamics.resolution**2, _CLOSING)
 
 
 def allowed_normals(dynamics: Dynamics, states: States, normal: FloatArray) -> FloatArray:
-    """Return the (M,) nu that prove something: none below zero where a contact may part."""
+    """Return nu (M,) restricted to valid values: not negative where a contact may part."""
     may_part = states.are(ContactState.FREE, ContactState.OPEN)
     allowed = np.where(may_part, np.maximum(normal, 0.0), normal)
     return np.where(dynamics.is_commanded, 0.0, allowed)
@@ -270,13 +272,13 @@ def allowed_normals(dynamics: Dynamics, states: States, normal: FloatArray) -> F
 def closing_slack(
     states: States, normal: FloatArray, tangential: FloatArray, least: float = 0.0
 ) -> float:
-    """Return what closed contacts make by parting, and sticking ones by slipping, all the same.
+    """Return how much the closing tolerance may add to a bound.
 
     Args:
         states: Of the contacts.
         normal: (M,) nu.
         tangential: (M, 2) kappa.
-        least: Scaled accelerations that each of them has at least.
+        least: Lower limit of the tolerance of each contact, scaled acceleration.
     """
     parting = np.maximum(-normal, 0.0) @ np.maximum(states.parts, least)
     slipping = np.where(states.does_not_slip, np.maximum(states.slips, least), 0.0)
@@ -284,7 +286,7 @@ def closing_slack(
 
 
 def newton_gains(dynamics: Dynamics, states: States, c: FloatArray) -> FloatArray:
-    """Return what c.f (M, 3) gains at most by a newton of each normal force, (M,)."""
+    """Return (M,) the largest gain of c_l.f_l per newton of each normal force; c: (M, 3)."""
     normal = np.where(dynamics.is_commanded, 0.0, c[:, 0])
     return normal - dynamics.friction * least_along(c[:, 1:], *states.arcs)
 
@@ -302,10 +304,10 @@ def outcome_bound(
     Args:
         dynamics: The scaled dynamics.
         states: Of the contacts.
-        loads: (M,) normal forces that every outcome has at least, scaled.
+        loads: (M,) smallest normal forces of all outcomes, scaled.
         dual: The multipliers.
         goal: p (n,) and q (M, 3).
-        force_limit: It holds for outcomes with normal forces up to this, scaled.
+        force_limit: The bound holds for outcomes with normal forces up to this, scaled.
     """
     p, q = goal
     mu, commanded = dynamics.friction, dynamics.is_commanded
@@ -318,10 +320,10 @@ def outcome_bound(
     forces = np.where(opened, 0.0, per_newton * np.where(per_newton > 0.0, high, low)).sum()
     bound = float(dual.motion @ dynamics.load) + float(forces)
     bound += closing_slack(states, normal, dual.tangential, closing_tolerance(dynamics))
-    # The load along its spread that helps most.
+    # The worst load of the spread.
     rise = float(dual.motion @ dynamics.spread + per_newton @ dynamics.commanded_spread)
     bound += max(rise, 0.0)
-    # Slips: what kappa takes wrongly is paid by friction's power, or by the longest slip.
+    # Slips against kappa are bounded by friction's power, or by the longest possible slip.
     v = p - dual.motion + normal @ rows[:, 0] + np.einsum("li,lin->n", dual.tangential, rows[:, 1:])
     wrong = np.where(sticking, 0.0, np.maximum(-least_along(dual.tangential, *states.arcs), 0.0))
     power = mu * np.where(opened, 0.0, low + np.minimum(dynamics.commanded_spread, 0.0))
@@ -339,11 +341,9 @@ def _least_over_beta(
     load: FloatArray,
     leak: float,
 ) -> float:
-    """Return the least of max_y v.y + beta (h.y + leak - |y|^2), and of slips.
+    """Return the minimum over beta of max_y v.y + beta (h.y + leak - |y|^2), plus terms of slips.
 
-    Of all beta >= wrong / power.
-
-    A slip is paid for by its length where that costs less than a larger beta.
+    A contact with beta < wrong / power adds the bound from its longest slip instead.
     """
     with np.errstate(divide="ignore", invalid="ignore"):
         needed = np.where(wrong > 0.0, wrong / power, 0.0)
@@ -358,10 +358,10 @@ def _least_over_beta(
 
 
 class OutcomeBounds:
-    """What multipliers prove, for one dynamics; those that proved some set are tried on others."""
+    """Bounds for one dynamics; multipliers that proved one set are tried on others."""
 
     def __init__(self, dynamics: Dynamics, loads: FloatArray, force_limit: float) -> None:
-        """Begin without any that proved something. Arguments as of `outcome_bound`."""
+        """Start without remembered multipliers. Arguments as of `outcome_bound`."""
         count, n = dynamics.contact_count, len(dynamics.load)
         self._dynamics, self._loads, self._force_limit = dynamics, loads, force_limit
         self._proven: list[DualBound] = []
@@ -369,8 +369,8 @@ class OutcomeBounds:
         self._normals = np.zeros((_REMEMBERED, count))
         self._tangentials = np.zeros((_REMEMBERED, count, 2))
         self._compiled = None
-        # A verdict takes 1.3 to 2 times as long by `outcome_bound`, which stays for where nothing
-        # is compiled, and to test the loops with.
+        # A verdict takes 1.3 to 2 times as long with `outcome_bound`, which stays for installations
+        # without compiled loops, and to test the loops with.
         if core is not None:
             self._compiled = core.Bounds(
                 dynamics.rows, dynamics.load, dynamics.friction, dynamics.commanded,
@@ -379,7 +379,7 @@ class OutcomeBounds:
             )  # fmt: skip
 
     def bound(self, states: States, dual: DualBound, goal: tuple[FloatArray, FloatArray]) -> float:
-        """Return what `outcome_bound` returns."""
+        """Return the value of `outcome_bound`."""
         if self._compiled is None:
             return outcome_bound(self._dynamics, states, self._loads, dual, goal, self._force_limit)
         return self._compiled.bound(
@@ -388,7 +388,7 @@ class OutcomeBounds:
         )  # fmt: skip
 
     def remember(self, dual: DualBound) -> None:
-        """Try these multipliers on other sets, and forget the oldest ones where they are many."""
+        """Keep multipliers to be tried on other sets; the oldest are dropped when full."""
         place = len(self._proven)
         if place == _REMEMBERED:
             self._proven.pop(0)
@@ -400,7 +400,7 @@ class OutcomeBounds:
         self._proven.append(dual)
 
     def for_dynamics(self, dynamics: Dynamics, loads: FloatArray) -> OutcomeBounds:
-        """Return the same of other dynamics and loads: what is remembered is tried there, too."""
+        """Return bounds for other dynamics and loads, with the same remembered multipliers."""
         bounds = OutcomeBounds(dynamics, loads, self._force_limit)
         for dual in self._proven:
             bounds.remember(dual)
@@ -412,15 +412,15 @@ class OutcomeBounds:
         Args:
             states: Of the contacts.
             goal: p (n,).
-            enough: What is to be proven.
+            enough: The bound to be proven.
         """
         if self._compiled is None:
             whole = goal, np.zeros((len(self._loads), 3))
             proving = (dual for dual in reversed(self._proven)
                        if self.bound(states, dual, whole) <= enough)  # fmt: skip
             return next(proving, None)
-        found = self._compiled.first(
+        place = self._compiled.first(
             states.numbers, states.center, states.half_width, states.parts, states.slips,
             self._motions, self._normals, self._tangentials, goal, len(self._proven), enough,
         )  # fmt: skip
-        return None if found < 0 else self._proven[found]
+        return None if place < 0 else self._proven[place]

@@ -1,8 +1,7 @@
-"""The proof by branching: what each contact does, and where it slips, until nothing moves.
+"""The proof by branching over contact states and slip directions that no outcome moves.
 
-What the states of some contacts force on others, by kinematics alone.
-
-Three closed corners of a face close the fourth; two contacts that stick keep a third from slipping.
+States of some contacts force states of others by kinematics alone: three closed corners of a face
+close the fourth; two sticking contacts keep a third from slipping.
 """
 
 from __future__ import annotations
@@ -36,14 +35,14 @@ from graspless_pin.tree_search import TreeSearch
 
 @dataclass(frozen=True, eq=False)
 class ForcedContact:
-    """A contact that can only be in one state.
+    """A contact whose state follows from those of others by kinematics.
 
     Attributes:
         contact: Its index.
         state: Closed or sticking.
-        duals: What proves it: that u_n is at most the tolerance, or that u_t1 and u_t2 are.
+        duals: Multipliers that prove u_n, or u_t1 and u_t2, to be at most the tolerance.
         depends: Whether its rows depend on those of closed and sticking contacts.
-        most: What they prove u_n or |u_t| to be at most, scaled.
+        most: The bound on u_n or |u_t| that they prove, scaled.
     """
 
     contact: int
@@ -54,10 +53,10 @@ class ForcedContact:
 
 
 def forced_state(dynamics: Dynamics, states: States) -> ForcedContact | None:
-    """Return one contact whose state follows from the others', None where there is none.
+    """Return one contact whose state follows from the others'; None: there is none.
 
-    An open or a slipping contact may part or slip by the closing tolerance at most, since that is
-    left to its closed or sticking sibling.
+    An open or slipping contact must be proven to part or slip by the closing tolerance at most:
+    such outcomes are left to its closed or sticking sibling.
     """
     tolerance, rows = closing_tolerance(dynamics), dynamics.rows
     commanded, moving = dynamics.is_commanded, (ContactState.OPEN, ContactState.SLIPPING)
@@ -73,10 +72,10 @@ def forced_state(dynamics: Dynamics, states: States) -> ForcedContact | None:
         others = np.delete(np.arange(len(parting)), index)
         shares, error = np.zeros(len(others)), float(np.linalg.norm(normals[index]))
         if error > tolerance and len(others):
-            found = nonnegative_squares(normals[others].T, -normals[index])
-            if found is None:
+            fit = nonnegative_squares(normals[others].T, -normals[index])
+            if fit is None:
                 continue
-            shares, error = found, float(np.linalg.norm(found @ normals[others] + normals[index]))
+            shares, error = fit, float(np.linalg.norm(fit @ normals[others] + normals[index]))
         if error <= tolerance:
             weights = np.zeros(len(rows))
             weights[parting[others]] = shares
@@ -101,86 +100,87 @@ def forced_state(dynamics: Dynamics, states: States) -> ForcedContact | None:
 
 
 def _row_bound(dynamics: Dynamics, states: States, dual: DualBound, row: FloatArray) -> float:
-    """Return what multipliers prove of a row; inf where they leave more of it than rounding."""
+    """Return the bound on |row.y| that multipliers prove; inf if more than rounding remains."""
     rows, tolerance = dynamics.rows, closing_tolerance(dynamics)
     residual = row + dual.normal @ rows[:, 0] + np.einsum("li,lin->n", dual.tangential, rows[:, 1:])
     size = float(np.linalg.norm(residual))
-    # Either way: a sticking contact may slip to both sides.
+    # The larger of both signs: a sticking contact may slip to either side.
     both = max(closing_slack(states, sign * dual.normal, dual.tangential) for sign in (1.0, -1.0))
     return size + both if size <= tolerance else np.inf
 
 
 _SPLIT_SLACK = 0.01
-"""Of the closing tolerance: what open and slipping contacts leave to closed and sticking ones, but
-for what many others add up to."""
+"""Share of the closing tolerance by which closed and sticking contacts part or slip after a split:
+so much their open and slipping siblings leave to them."""
 _LOOSEST = 1e-9
-"""Scaled accelerations: what is known to no less tells nothing."""
+"""Scaled accelerations: a larger bound does not force a state."""
 _QUADRANT = 0.25 * np.pi
-"""Half the width of the first sectors of slip."""
+"""Half the width of the first sectors of slip, rad."""
 NEAR_OUTCOME = 0.3
-"""Share of the power that a point may miss Coulomb's law by where an outcome is looked for."""
+"""Violation of Coulomb's law, as a share of the power, up to which a point is polished."""
 _FINGERS_FIRST = 3.0
-"""Weight of contacts that joints drive: what fingers do decides what supports have to bear."""
+"""Weight of contacts that joints drive: their states decide what supports have to bear."""
 _LOADS_ANEW = 3
-"""Sets of outcomes, of which each such one is asked for larger normal forces."""
+"""One in so many sets of outcomes is searched for larger smallest normal forces."""
 _SWEPT = 50
-"""Sets of outcomes, of which each such one's forces begin a search for a moving outcome, however
-far they are from one: points of split patches do not come near."""
+"""The forces of one in so many sets start a search for a moving outcome, however far they are from
+one: points of split patches do not come near."""
 _LEAST_GAP = 1e-15
-"""Power by which any contact counts as missing Coulomb's law: at rest what is widest is split."""
+"""Least violation of Coulomb's law of any contact, as power: at rest the widest arc is split."""
 _NARROW = 0.2
-"""Motions of a patch that span less, rad, may be about one of its contacts."""
+"""A patch whose motions span less, rad, may turn about one of its contacts."""
 _NARROWEST = 1e-4
 """Half the width of a sector that is not halved any more, rad."""
 
 
 @dataclass
 class UnprovenSet:
-    """A set of outcomes on the way to its proof."""
+    """A node of the search: a set of outcomes that is not proven yet."""
 
     contact: int
     states: States
     relaxation: Relaxation | None = None
-    """With the smallest normal forces that are known here; None: it is done with."""
+    """With the smallest normal forces known here; None: it has been used."""
     forced: tuple[DualBound, ...] = ()
     loads: tuple[LoadProof, ...] = ()
     children: list[UnprovenSet] = field(default_factory=list)
     dual: DualBound | None = None
     is_closed: bool = False
-    """Whether kinematics force no more than is known already."""
+    """Whether kinematics are known to force no further state."""
     patch: PatchSlip | None = None
-    """What is known of the patch that its parent was split at."""
+    """The slip of the patch that its parent was split at."""
     remaining: list[int] = field(default_factory=list)
     """Under a declared motion, the goals that are not proven yet."""
     sides: list[tuple[int, DualBound]] = field(default_factory=list)
-    """And those that are."""
+    """And the proven goals, with their multipliers."""
     siblings: dict[tuple[int, ContactState], tuple[UnprovenSet, Relaxation]] = field(
         default_factory=dict
     )
-    """Of this set and of those around it, by contact and state, those in which it is closed or
-    sticks, and what they began with: what open and slipping contacts leave is left to them."""
+    """By contact and state, the siblings of this set and of its ancestors in which that contact is
+    closed or sticks, with their first relaxations. Outcomes that open and slipping contacts leave
+    out are left to them."""
 
     @property
     def state(self) -> ContactState:
-        """What is known of the contact, or of the slip of its patch."""
+        """The state of the contact, or of its patch: sticking or slipping."""
         if self.patch is not None:
             return ContactState.STICKING if self.patch.cone is None else ContactState.SLIPPING
         return ContactState.FREE if self.contact < 0 else self.states.state[self.contact]
 
     def pop_relaxation(self) -> Relaxation:
-        """Return the relaxation, which is not kept any longer: trees have thousands of nodes."""
+        """Return the relaxation and release it: trees have thousands of nodes."""
         relaxation, self.relaxation = self.relaxation, None
         if relaxation is None:
             raise RuntimeError("a set of outcomes is looked at once")
         return relaxation
 
     def take_over_slack(self, most: float, relaxation: Relaxation, enough: float) -> bool:
-        """Have the contact part or slip by so much; return whether the set is looked at anew.
+        """Raise the tolerance of the contact; return whether the set has to be searched again.
 
         Args:
-            most: What is left to this set, scaled.
+            most: Bound on u_n or |u_t| of the outcomes that are left to this set, scaled.
             relaxation: With which it began.
-            enough: No set is looked at a third time for less.
+            enough: Tolerance that it gets when it is searched again: no third time is needed.
         """
         known = self.states.slips if self.state is ContactState.STICKING else self.states.parts
         if most <= known[self.contact]:
@@ -192,7 +192,7 @@ class UnprovenSet:
         return again
 
     def proof_node(self) -> OutcomeSet:
-        """Return the node of the proof."""
+        """Return this node of the proof, with its children."""
         slip = None
         if self.patch is None and self.state is ContactState.SLIPPING:
             states, contact = self.states, self.contact
@@ -206,17 +206,16 @@ class UnprovenSet:
 
 @dataclass(frozen=True, eq=False)
 class SearchResult:
-    """How far a search through all sets of outcomes came.
+    """The result of a search through all sets of outcomes.
 
     Attributes:
-        tree: The proof that nothing moves, or that nothing moves otherwise than declared; None
-            where it is not finished.
-        motion: (M, 3) scaled forces of an outcome that does, where one was met.
-        nodes: Sets of which linear programs were asked for.
-        remaining: Sets that were left.
+        tree: The proof that nothing moves, or nothing but the declared motion; None: unfinished.
+        motion: (M, 3) scaled forces of an outcome that moves; None: none was found.
+        nodes: Sets for which linear programs were solved.
+        remaining: Sets that were left unproven.
         programs: Linear programs solved.
-        resisting: Under a declared motion, the states of the contacts in the first set that was
-            left, where one was.
+        resisting: Under a declared motion, the states of the contacts in the first unproven set,
+            if there is one.
     """
 
     tree: OutcomeSet | None
@@ -230,12 +229,12 @@ class SearchResult:
 def branch(
     dynamics: Dynamics, relaxation: Relaxation, is_over: Callable[[int], bool]
 ) -> SearchResult:
-    """Prove that nothing moves, or find what does.
+    """Prove by branch and bound that no outcome moves, or find one that does.
 
     Args:
         dynamics: The scaled dynamics.
-        relaxation: Its relaxations.
-        is_over: Tells after so many of these nodes whether the search has to end.
+        relaxation: Its relaxation.
+        is_over: Returns for a number of nodes whether the search has to end.
     """
     root = UnprovenSet(-1, States.unknown(dynamics.contact_count), relaxation)
     nothing = np.zeros((dynamics.contact_count, 3))
@@ -286,13 +285,13 @@ def branch(
 def _add_forced_states(
     dynamics: Dynamics, node: UnprovenSet
 ) -> tuple[UnprovenSet, bool, list[UnprovenSet]]:
-    """Add what kinematics force.
+    """Add child nodes for all contact states that kinematics force.
 
-    Outcomes in which an open contact does not part are among those in which it is closed, and a
-    slipping one that does not slip sticks: but for what rounding hides, which is left to these.
+    If an open contact is forced to be closed, or a slipping one to stick, the sibling in that state
+    holds all outcomes of the node; its tolerance takes over the rounding.
 
     Returns:
-        The last node, whether siblings hold all of it, and those that have to be looked at anew.
+        The last node, whether siblings cover it, and the siblings that must be searched again.
     """
     while (forced := forced_state(dynamics, node.states)) is not None:
         contact, state = forced.contact, forced.state
@@ -324,9 +323,9 @@ def _split_set(
     contact, parts = split_contact(dynamics, relaxation.loads, states, y, forces, patches, least)
     if parts or patch is None:
         was_closed = states.state[contact] is not ContactState.FREE
-        nodes = [UnprovenSet(contact, each, relaxation) for each in parts]
-        rest = [one for one in nodes if one.state in (ContactState.CLOSED, ContactState.STICKING)]
-        siblings = siblings | {(contact, one.state): (one, relaxation) for one in rest}
+        nodes = [UnprovenSet(contact, part, relaxation) for part in parts]
+        fixed = [n for n in nodes if n.state in (ContactState.CLOSED, ContactState.STICKING)]
+        siblings = siblings | {(contact, node.state): (node, relaxation) for node in fixed}
     else:
         was_closed, contact = True, patch.contacts[0]
         most = PATCH_TOLERANCE * closing_tolerance(dynamics)
@@ -335,7 +334,7 @@ def _split_set(
             for part in patch.split(states.patch_slip(patch), y)
         ]
     for node in nodes:
-        # What opens adds nothing to what kinematics fix, nor does what is closed and slips.
+        # Opening a contact adds no fixed row, nor does slip of a contact that was closed.
         slips = node.state is ContactState.SLIPPING and was_closed
         node.is_closed = node.state is ContactState.OPEN or slips
         node.siblings = siblings
@@ -345,7 +344,7 @@ def _split_set(
 def _nearby_outcome(
     dynamics: Dynamics, relaxed: RelaxationPoint, y: FloatArray
 ) -> FloatArray | None:
-    """Return a moving outcome near the best point of a relaxation, whose motion is y."""
+    """Return forces (M, 3) of a moving outcome near the best point of a relaxation, or None."""
     if relaxed.load_left < 0.5 or dynamics.point_acceleration(y) <= dynamics.limit:
         return None
     power = float(dynamics.load @ y)
@@ -364,25 +363,26 @@ def split_contact(
     patches: Sequence[Patch] = (),
     least: float = 0.0,
 ) -> tuple[int, list[States]]:
-    """Split the contact whose force and slip miss Coulomb's law most.
+    """Split the contact whose force and slip violate Coulomb's law most.
 
     Args:
         dynamics: The scaled dynamics.
-        loads: (M,) normal forces that every outcome has at least, scaled.
+        loads: (M,) smallest normal forces of all outcomes, scaled.
         states: Of the contacts.
         y: (n,) the motion of a point.
         forces: (M, 3) its contact forces, scaled.
-        patches: Contacts whose slips are split together: of each it is split whether it opens.
-        least: Of those that miss it by less, weighted, none is split.
+        patches: Contacts whose slips are split together; alone they are only split into open and
+            closed.
+        least: Contacts with a smaller weighted violation are not split.
 
     Returns:
-        The contact, and states that together leave out nothing; none where no contact is left.
+        The contact, and states that together cover the set; empty where no contact can be split.
     """
     never_opens = dynamics.is_commanded | (loads > 0.0)
     may_open = states.are(ContactState.FREE) & ~never_opens
     whole = ~states.are(ContactState.OPEN, ContactState.STICKING)
     whole &= ~(states.are(ContactState.SLIPPING) & (states.half_width <= _NARROWEST))
-    # Without friction it does not matter where a closed contact slips.
+    # Without friction the slip direction of a closed contact does not matter.
     whole &= (dynamics.friction > 0.0) | (states.are(ContactState.FREE) & ~dynamics.is_commanded)
     u = dynamics.slips(y)
     gaps, slips = coulomb_gaps(dynamics, forces, u), np.hypot(u[:, 1], u[:, 2])
@@ -392,7 +392,7 @@ def split_contact(
         members = members[~_is_lone(states, patch)[members]]
         whole[members] &= may_open[members]
         gaps[members] = np.abs(forces[members, 0] * u[members, 0]) + _LEAST_GAP
-    # A narrow sector has little left to give.
+    # Splitting a narrow sector gains little.
     widths = np.where(may_open, _QUADRANT, np.minimum(states.half_width, _QUADRANT))
     score = np.where(whole, gaps * _contact_weights(dynamics) * widths, -1.0)
     contact = int(np.argmax(score))
@@ -403,7 +403,7 @@ def split_contact(
 
 
 def _is_lone(states: States, patch: Patch) -> NDArray[np.bool_]:
-    """Return the (M,) contacts that are split by themselves, as a patch turns about them."""
+    """Return the (M,) contacts that are split by themselves: the patch may turn about them."""
     known = states.patch_slip(patch)
     if known is None or known.cone is None or known.width > _NARROW:
         return np.zeros(len(states.state), dtype=bool)
@@ -422,10 +422,10 @@ def _widest_patch(
     forces: FloatArray,
     patches: Sequence[Patch],
 ) -> tuple[Patch | None, float]:
-    """Return the patch whose friction misses Coulomb's law most, and by how much, weighted."""
-    found: tuple[Patch | None, float] = None, 0.0
+    """Return the patch whose friction violates Coulomb's law most, and its weighted violation."""
+    widest: tuple[Patch | None, float] = None, 0.0
     if not patches:
-        return found
+        return widest
     u, weights = dynamics.slips(y), _contact_weights(dynamics)
     u[:, 0] = 0.0
     gaps = coulomb_gaps(dynamics, forces, u) + 1e-9 * np.hypot(u[:, 1], u[:, 2])
@@ -437,9 +437,9 @@ def _widest_patch(
             members = [*patch.contacts]
             score = float((gaps * ~_is_lone(states, patch))[members].sum()) * min(width, _QUADRANT)
             score *= weights[patch.contacts[0]]
-            if score > found[1]:
-                found = patch, score
-    return found
+            if score > widest[1]:
+                widest = patch, score
+    return widest
 
 
 def _child_states(
@@ -447,7 +447,7 @@ def _child_states(
 ) -> list[States]:
     """Return open and closed, or sticking and four sectors of slip, or two halves of a sector.
 
-    Closed and sticking contacts part or slip by so much.
+    Closed and sticking contacts part or slip by ``most`` at most.
     """
     state, slipping = states.state[contact], ContactState.SLIPPING
     if state is ContactState.FREE and may_open:

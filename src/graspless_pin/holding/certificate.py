@@ -1,13 +1,13 @@
-"""Certificates of one linear program: balance without friction that contacts may not bear.
+"""Certificates of one linear program: balancing forces whose friction every outcome can bear.
 
 If forces f* balance load and torques, with f*_n >= 0 and |f*_t| <= mu l at every contact, where l
 is a normal force that every outcome has at least, then every outcome has
 |y|^2 <= sum (|f*_t| - mu l) |u_t| <= 0: rest is the only one.
 
-One proof for every load between two, g(t) = (1 - t) g0 + t g1: forces of certificates at both ends,
-with normal forces that every outcome of all these loads has, are one at each load between. Else an
-outcome of g(t) has the power g(t).a <= max(g0.a, g1.a), so that two trees tell, each with the load
-free along the span.
+One proof for every load between two, g(t) = (1 - t) g0 + t g1: if both ends have certificates with
+normal forces that every outcome of all these loads has, so has each load between. Otherwise an
+outcome of g(t) has the power g(t).a <= max(g0.a, g1.a), so that two trees prove it, each with the
+load free along the span.
 """
 
 from __future__ import annotations
@@ -45,66 +45,69 @@ from graspless_pin.problem.inertias import commanded_forces, hybrid_contacts, wh
 from graspless_pin.problem.scales import coordinate_units
 
 MOST_FORCE = 1e3
-"""Of the load: admissible forces are looked at up to this, or the normal forces' limit."""
+"""In loads: largest normal force of admissible forces, if their limit is not lower."""
 _HOPELESS = 0.03
-"""Of the load: forces that leave more unbalanced let the object move."""
+"""In loads: once a larger residual is proven, the search for a certificate ends."""
 _ROUNDS = 4
 _LEAST_TORQUE = 1e-6
-"""Of the largest torque that load or weight makes: joints' torques are measured in no less."""
+"""Relative to the largest torque that load or weight makes: least unit of a joint's torque."""
 _EXACT = 1e-8
-"""Of the load: what may stay unbalanced, or unborne, where no inertia tells what that moves."""
+"""In loads: residual, and violation of friction, of a certificate that holds for every inertia."""
 
 
 def balance(
     problem: QuasistaticProblem, torques: FloatArray, friction_limits: FloatArray | None = None
 ) -> Balance | None:
-    """Find the contact forces that leave least of load and torques unbalanced.
+    """Find the contact forces with the least residual of the balance of load and torques.
 
-    Where they leave far too much to be forces of rest, or a certificate, they are not the least.
+    Where the residual is far too large for rest, or for a certificate, it need not be the least.
 
     Args:
         problem: Contacts, load and joints.
         torques: (L,) of the motors.
-        friction_limits: (M,) N, friction that each contact bears at most; None: mu f_n.
+        friction_limits: (M,) largest friction force of each contact, N; None: mu f_n.
     """
     (jacobian, load), friction = in_loads(problem, torques), free_friction(problem)
     if friction_limits is None:
         return least_residual(jacobian, load, friction, BALANCE_TOLERANCE)
-    found = None if friction_limits.any() else normal_force_balance(jacobian[:, 0], load)
-    if found is not None:
-        return found
-    most = friction_limits / problem.scales.force
-    return least_residual(jacobian, load, friction, _HOPELESS, most)
+    frictionless = None if friction_limits.any() else normal_force_balance(jacobian[:, 0], load)
+    if frictionless is not None:
+        return frictionless
+    limits = friction_limits / problem.scales.force
+    return least_residual(jacobian, load, friction, _HOPELESS, limits)
 
 
 def in_loads(problem: QuasistaticProblem, torques: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return G as forces see it (M, 3, P + L), and g (P + L,), for forces in loads, in loads."""
+    """Return `force_jacobian` (M, 3, P + L) and the load g (P + L,), scaled.
+
+    Forces are in units of the load, entries of the balance in those of `balance_units`.
+    """
     unit, force = balance_units(problem), problem.scales.force
     return force * force_jacobian(problem) / unit, generalized_load(problem, torques) / unit
 
 
 def balance_units(problem: QuasistaticProblem) -> FloatArray:
-    """Return (P + L,) what the balance is measured in: what the load makes of each entry.
+    """Return (P + L,) units of the balance: the size that the load gives to each entry.
 
-    At a joint with next to no lever it is no less than a small share of the largest torque that
-    load or weight makes at any joint: what rounding leaves of torques moves nothing.
+    The unit of a joint with next to no lever is a small share of the largest torque that load or
+    weight makes at any joint, so that rounding errors of torques do not count.
     """
     units = coordinate_units(problem.scales, problem.passive_units)
     joints = units[problem.passive_count :]
-    most = np.maximum(joints, np.abs(problem.gravity_torques)).max(initial=0.0)
-    np.maximum(joints, _LEAST_TORQUE * most, out=joints)
+    largest = np.maximum(joints, np.abs(problem.gravity_torques)).max(initial=0.0)
+    np.maximum(joints, _LEAST_TORQUE * largest, out=joints)
     return units
 
 
 def residual_lower_bound(
     problem: QuasistaticProblem, torques: FloatArray, motion: FloatArray
 ) -> float:
-    """Return what every set of contact forces leaves unbalanced at least, in loads.
+    """Return a lower bound on the residual of the balance over all contact forces, in loads.
 
     Args:
         problem: Contacts, load and joints.
         torques: (L,) of the motors.
-        motion: (P + L,) z with sum |z| <= 1: the forces' part z.G^T f is never negative.
+        motion: (P + L,) z with sum |z| <= 1, along which no contact force does negative work.
     """
     jacobian, load = in_loads(problem, torques)
     z, lost = scaled_proof(jacobian, problem.friction, motion)
@@ -114,10 +117,12 @@ def residual_lower_bound(
 def scaled_proof(
     jacobian: FloatArray, friction: FloatArray, motion: FloatArray
 ) -> tuple[FloatArray, float]:
-    """Return z with sum |z| <= 1, and what forces up to the limit take from z.g at most, in loads.
+    """Return z scaled to sum |z| <= 1, and the most that contact forces take from z.g, in loads.
+
+    Normal forces are at most `FORCE_LIMIT`.
 
     Args:
-        jacobian: (M, 3, k) G as forces see it, in units of the load.
+        jacobian: (M, 3, k) of forces, as `in_loads` returns it.
         friction: (M,) coefficients.
         motion: (k,) z.
     """
@@ -140,7 +145,7 @@ def is_certificate(
         problem: Contacts, load and joints.
         torques: (L,) of the motors.
         forces: (M, 3) N, in contact frames.
-        loads: (M,) N.
+        loads: (M,) smallest normal forces of all outcomes, N.
         dynamics: The scaled dynamics; None: it has to hold for every inertia.
     """
     excess = np.hypot(forces[:, 1], forces[:, 2]) - problem.friction * loads
@@ -164,23 +169,23 @@ def balance_and_certificate(
     loads: tuple[LoadProof, ...],
     dynamics: Dynamics | None,
 ) -> tuple[Balance | None, RestProof | None]:
-    """Return the forces that leave least of a load unbalanced, and the certificate that they are.
+    """Return the forces with the least residual, and the certificate if they are one.
 
     Args:
         problem: Contacts, load and joints.
         torques: (L,) of the motors.
-        normal_forces: (M,) N, that every outcome has at least, and
-        loads: what proves them beside commanded ones.
+        normal_forces: (M,) smallest normal forces of all outcomes, N.
+        loads: Their proofs; commanded forces need none.
         dynamics: The scaled dynamics; None: it has to hold for every inertia.
     """
-    found = balance(problem, torques, problem.friction * normal_forces)
-    if found is None:
+    balanced = balance(problem, torques, problem.friction * normal_forces)
+    if balanced is None:
         return None, None
-    forces = found.forces * problem.scales.force
+    forces = balanced.forces * problem.scales.force
     if not is_certificate(problem, torques, forces, normal_forces, dynamics):
-        return found, None
+        return balanced, None
     limit = FORCE_LIMIT * problem.scales.force if loads else np.inf
-    return found, RestProof(loads, world_forces(problem, forces), None, limit)
+    return balanced, RestProof(loads, world_forces(problem, forces), None, limit)
 
 
 def force_limit(problem: QuasistaticProblem, dynamics: Dynamics) -> float:
@@ -191,29 +196,29 @@ def force_limit(problem: QuasistaticProblem, dynamics: Dynamics) -> float:
 def proven_loads(
     dynamics: Dynamics, least: FloatArray, force_limit: float
 ) -> tuple[tuple[LoadProof, ...], int]:
-    """Return smallest normal forces that every outcome has, where there are any, and the programs.
+    """Return proofs of positive normal forces of all outcomes, and the number of linear programs.
 
-    Each contact is asked for its own, in rounds: with loads that are known friction takes more of
-    the load's power, so that other contacts have to bear more.
+    Each contact's smallest force is bounded in turn, in rounds: with the forces proven so far
+    friction takes more of the load's power, so that other contacts have to bear more.
 
     Args:
         dynamics: The scaled dynamics.
-        least: (M,) normal forces that every outcome has at least, scaled.
-        force_limit: What it proves holds for normal forces up to this, scaled.
+        least: (M,) smallest normal forces of all outcomes known before, scaled.
+        force_limit: Proofs hold for normal forces up to this, scaled.
     """
     states = States.unknown(dynamics.contact_count)
     relaxation, proofs = Relaxation(dynamics, least, force_limit), list[LoadProof]()
     for _ in range(_ROUNDS):
-        found = relaxation.larger_loads(states)
-        proofs += found
-        if not found:
+        larger = relaxation.larger_loads(states)
+        proofs += larger
+        if not larger:
             break
-        relaxation = relaxation.with_loads(found)
+        relaxation = relaxation.with_loads(larger)
     return tuple(proofs), relaxation.programs
 
 
 def with_proven_loads(forces: FloatArray, loads: Iterable[LoadProof]) -> FloatArray:
-    """Return normal forces (M,), N, or what is proven where that is larger."""
+    """Return normal forces (M,), N, raised to the proven ones where these are larger."""
     forces = forces.copy()
     for proof in loads:
         forces[proof.contact] = max(forces[proof.contact], proof.force)
@@ -223,7 +228,7 @@ def with_proven_loads(forces: FloatArray, loads: Iterable[LoadProof]) -> FloatAr
 def bearing_forces(
     problem: QuasistaticProblem, torques: FloatArray, forces: FloatArray
 ) -> FloatArray:
-    """Return forces of a rest in which all contacts bear load that do in any.
+    """Return forces of rest in which every contact bears load that does in some forces of rest.
 
     Args:
         problem: Contacts and loads, at rest.
@@ -234,33 +239,33 @@ def bearing_forces(
         (M, 3) in contact frames, in loads.
     """
     jacobian, load = in_loads(problem, torques)
-    most = np.minimum(problem.max_normal_force / problem.scales.force, MOST_FORCE)
-    found = [forces]
+    largest = np.minimum(problem.max_normal_force / problem.scales.force, MOST_FORCE)
+    rests = [forces]
     for contact in np.flatnonzero(forces[:, 0] <= LEAST_LOAD).tolist():
-        if np.mean(found, axis=0)[contact, 0] <= LEAST_LOAD:
+        if np.mean(rests, axis=0)[contact, 0] <= LEAST_LOAD:
             cost = np.zeros_like(forces)
             cost[contact, 0] = -1.0
-            loaded = farthest_forces(jacobian, load, free_friction(problem), cost, most)
+            loaded = farthest_forces(jacobian, load, free_friction(problem), cost, largest)
             if loaded is not None and loaded[contact, 0] > LEAST_LOAD:
-                found.append(loaded)
-    return np.mean(found, axis=0)
+                rests.append(loaded)
+    return np.mean(rests, axis=0)
 
 
 class Unproven(StrEnum):
     """Why rest is not proven to be the only outcome of all loads of a span."""
 
     MOVES = "moves"
-    """The last one has a moving outcome."""
+    """The last load of the span has a moving outcome."""
     OPEN = "open"
     """No proof was found."""
 
 
 _MOST_STEPS = 50
-"""Of Newton's method for the largest load that forces balance."""
+"""Steps of Newton's method for the largest load that forces balance."""
 
 
 class LoadLine:
-    """The loads and torques of a problem along a line, of which rest may be the only outcome."""
+    """The loads and torques of a problem along a line, and proofs of rest under them."""
 
     def __init__(
         self, problem: QuasistaticProblem, torques: FloatArray, direction: FloatArray, limit: float
@@ -270,7 +275,7 @@ class LoadLine:
         Args:
             problem: At rest.
             torques: (L,) of the motors.
-            direction: (P + L,) what each multiple adds to wrench and torques.
+            direction: (P + L,) change of wrench and torques for a multiple of one.
             limit: Accelerations of points of the object up to this count as rest, m/s^2.
         """
         self.problem, self.torques, self.direction = problem, torques, direction
@@ -283,7 +288,7 @@ class LoadLine:
         return self.direction / balance_units(self.problem)
 
     def at(self, multiple: float) -> tuple[QuasistaticProblem, FloatArray]:
-        """Return the problem and the torques with so much of the direction."""
+        """Return the problem and the torques at a multiple of the direction."""
         passive = self.problem.passive_count
         wrench = self.problem.external_wrench + multiple * self.direction[:passive]
         changed = self.problem.with_changes(external_wrench=wrench)
@@ -299,13 +304,13 @@ class LoadLine:
         step, friction = self.in_loads, self.problem.friction
         multiple, proof = most, None
         for _ in range(_MOST_STEPS):
-            found = least_residual(jacobian, load + multiple * step, friction, np.inf)
-            if found is None:
+            least = least_residual(jacobian, load + multiple * step, friction, np.inf)
+            if least is None:
                 break
-            if found.is_rest:
-                forces = world_forces(self.problem, found.forces * self.problem.scales.force)
+            if least.is_rest:
+                forces = world_forces(self.problem, least.forces * self.problem.scales.force)
                 return LastRest(multiple, forces, proof)
-            z, lost = scaled_proof(jacobian, friction, found.proof)
+            z, lost = scaled_proof(jacobian, friction, least.proof)
             slope = float(z @ step)
             if not slope > 0.0:
                 break
@@ -328,7 +333,7 @@ class LoadLine:
         Args:
             first: Least multiple.
             last: Largest multiple.
-            is_over: Tells after so many sets of outcomes whether each of two trees has to end.
+            is_over: Returns for a number of sets of outcomes whether each of two trees has to end.
         """
         ends = first, last
         if min(commanded_forces(*self.at(end)).min(initial=0.0) for end in ends) < 0.0:
@@ -351,7 +356,7 @@ class LoadLine:
         certificates = self._end_certificates(ends, loads)
         if certificates is not None:
             return SpanProof(ends, rest_forces, certificates)
-        # The last load's first: its tree may meet a motion.
+        # The tree of the last load comes first: it may find a motion.
         later = self._branching_proof(spreads[1], loads[1], is_over)
         if isinstance(later, Unproven):
             return later
@@ -363,10 +368,10 @@ class LoadLine:
     def _rest_forces(self, multiple: float) -> FloatArray | None:
         """Return (M, 3) forces of rest, N, world axes; None: there are none."""
         problem, torques = self.at(multiple)
-        found = balance(problem, torques)
-        if found is None or not found.is_rest:
+        rest = balance(problem, torques)
+        if rest is None or not rest.is_rest:
             return None
-        return world_forces(problem, found.forces * problem.scales.force)
+        return world_forces(problem, rest.forces * problem.scales.force)
 
     def _branching_proof(
         self,
@@ -374,19 +379,19 @@ class LoadLine:
         loads: tuple[LoadProof, ...],
         is_over: Callable[[int], bool],
     ) -> RestProof | Unproven:
-        """Prove by branching that nothing moves, or tell whether something does."""
+        """Return the proof by branching that no outcome moves, or why there is none."""
         if spread is None:
             return RestProof((), None, None, np.inf)
         newtons = self._common_proven_forces([loads]) / spread.force_unit
         least = np.where(spread.is_commanded, spread.commanded, newtons)
         relaxation = Relaxation(spread, least, force_limit(self.problem, spread))
-        found = branch(spread, relaxation, is_over)
-        if found.tree is None:
-            return Unproven.OPEN if found.motion is None else Unproven.MOVES
-        return RestProof(loads, None, found.tree, FORCE_LIMIT * self.problem.scales.force)
+        result = branch(spread, relaxation, is_over)
+        if result.tree is None:
+            return Unproven.OPEN if result.motion is None else Unproven.MOVES
+        return RestProof(loads, None, result.tree, FORCE_LIMIT * self.problem.scales.force)
 
     def _dynamics(self, multiple: float) -> Dynamics | None:
-        """Return the dynamics; None without inertias, and without load: then nothing moves."""
+        """Return the scaled dynamics; None without inertias, or if there is no load at all."""
         if self._inertia is None:
             return None
         return scaled_dynamics(*self.at(multiple), self._inertia, self._hybrid, self._limit)
@@ -394,7 +399,7 @@ class LoadLine:
     def _end_certificates(
         self, ends: tuple[float, float], loads: tuple[tuple[LoadProof, ...], ...]
     ) -> tuple[RestProof, RestProof] | None:
-        """Return certificates of both ends that lean on loads that all outcomes have."""
+        """Return certificates of both ends, by normal forces that outcomes of all loads have."""
         least, proofs = self._common_proven_forces(loads), list[RestProof]()
         for end, own in zip(ends, loads, strict=True):
             problem, torques = self.at(end)
@@ -408,13 +413,13 @@ class LoadLine:
         return proofs[0], proofs[1]
 
     def _proven_loads(self, dynamics: Dynamics | None) -> tuple[LoadProof, ...]:
-        """Return normal forces that every outcome has, with their proofs."""
+        """Return proofs of the smallest normal forces of all outcomes."""
         if dynamics is None:
             return ()
         least = np.where(dynamics.is_commanded, dynamics.commanded, 0.0)
         return proven_loads(dynamics, least, force_limit(self.problem, dynamics))[0]
 
     def _common_proven_forces(self, loads: Sequence[tuple[LoadProof, ...]]) -> FloatArray:
-        """Return the (M,) smallest of the normal forces that several sets of proofs prove, N."""
+        """Return (M,) the normal forces that each of several sets of proofs proves, N."""
         none = np.zeros(self.problem.contact_count)
         return np.min([with_proven_loads(none, proofs) for proofs in loads], axis=0)

@@ -1,6 +1,6 @@
-"""The controller that runs on the robot's joints beside constant torques, and small motions.
+"""The joint feedback that a robot runs in addition to constant torques.
 
-Records tell what becomes of small motions about a rest under it, and what proves that none grows.
+Records of small motions about rest under it: their growth, and proofs that none grows.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ from graspless_pin.records import Record
 from graspless_pin.suggestions import names_in_words
 
 DAMPING, ARMATURE = 0.02, 1e-4
-"""Of each joint unless told otherwise, N m s/rad and kg m^2."""
+"""Defaults of each joint, N m s/rad and kg m^2."""
 LEVER = 0.1
-"""What is per radian at joints that turn is over the square of this, m, at those that slide."""
+"""m: gains per radian are divided by its square for joints that slide."""
 
 
 class Feedback(StrEnum):
-    """What runs on the joints where no gains are told. See the example of `Controller`."""
+    """Kinds of controllers without gains. See the example of `Controller`."""
 
     ANY = "any"
     """Not decided: verdicts tell the least stiffness that is needed."""
@@ -37,14 +37,14 @@ class Feedback(StrEnum):
 
 
 CONSTANT_TORQUES = "constant torques"
-"""What runs on the joints where no feedback does, in words."""
+"""Name of a controller without feedback, in sentences."""
 JOINTS_HELD = "joints held in their positions"
-"""What runs on them where they keep their positions."""
+"""Name of a controller that keeps positions, in sentences."""
 TORQUES_OF_HELD_JOINTS = (
     "Joints hold their positions, with whatever torques that takes: those below balance the load, "
     "and others may; no verdict counts on them."
 )
-"""What is to be said beside torques that are worked out for joints that keep their positions."""
+"""Note on torques that are worked out for joints that keep their positions."""
 _MOST_NAMED = 3
 _MOST_GAINS = 3
 _WORDS = "or one of 'torque', 'position' and 'any'"
@@ -99,7 +99,7 @@ class Controller:
 
     @classmethod
     def of(cls, name: str, given: object) -> Controller:
-        """Return a controller, or that of a stiffness of all joints.
+        """Return a given controller, or one with a given stiffness of all joints.
 
         Raises:
             ArgumentError: If it is neither.
@@ -118,7 +118,7 @@ class Controller:
 
     @property
     def is_stated(self) -> bool:
-        """Whether it is decided what runs on the joints."""
+        """Whether the controller is stated: otherwise verdicts tell the stiffness needed."""
         return self.stiffness is not Feedback.ANY
 
     @property
@@ -127,7 +127,7 @@ class Controller:
         return self.stiffness is Feedback.POSITION
 
     def check(self, joints: Sequence[str], fingers: Sequence[str]) -> None:
-        """Refuse gains of joints and fingers that are not there.
+        """Refuse gains of unknown joints and fingers.
 
         Raises:
             ArgumentError: Naming the key.
@@ -169,14 +169,14 @@ class Controller:
 
 
 def gain_shares(slides: Sequence[bool]) -> FloatArray:
-    """Return (c,) what a figure per radian is to be multiplied by: at joints that slide by 100."""
+    """Return (c,) factors on gains per radian: 1 for joints that turn, 100 for those that slide."""
     return np.where(np.array(slides, dtype=bool), 1.0 / LEVER**2, 1.0)
 
 
 def gain_words(
     gains: Sequence[float], unit: str, joints: Sequence[str], fingers: Mapping[str, str]
 ) -> str:
-    """Return the gains of some joints in words; empty: there are none.
+    """Return the gains of some joints in words; empty: none is positive.
 
     Fingers are named where all of their joints have the same gain, else joints.
 
@@ -204,21 +204,21 @@ def gain_words(
 
 
 def _joint_words(names: Sequence[str], joints: Sequence[str], fingers: Mapping[str, str]) -> str:
-    """Return names of some of the joints, of whole fingers first."""
-    others = {fingers.get(name, "") for name in joints if name not in names} | {""}
-    whole = {fingers[name]: None for name in names if fingers.get(name, "") not in others}
+    """Return some joints in words; a finger is named where all of its joints are among them."""
+    partial = {fingers.get(name, "") for name in joints if name not in names} | {""}
+    whole = {fingers[name]: None for name in names if fingers.get(name, "") not in partial}
     parts = [*whole, *(name for name in names if fingers.get(name) not in whole)]
     return first_few([*map(repr, parts)])
 
 
 def first_few(names: Sequence[str]) -> str:
-    """Return names, or the first of them where they are many."""
+    """Return the names in one line, at most the first three."""
     return ", ".join(names[:_MOST_NAMED]) + (", ..." if len(names) > _MOST_NAMED else "")
 
 
 @dataclass(frozen=True, eq=False)
 class GrowthProof(Record):
-    """Small motions z about a rest, and what proves that none grows faster than a rate.
+    """Small motions z about a rest, and a proof that none grows faster than a rate.
 
     M_z z'' + D_z z' + (K_geo + N_q^T K N_q) z = 0 with M_z = N^T (M + rotors) N, D_z = N_q^T D N_q;
     see `holding.small_motions`.
@@ -249,9 +249,9 @@ class GrowthProof(Record):
 
 @dataclass(frozen=True, eq=False)
 class SmallMotions(Record):
-    """What becomes of small motions about a rest under the controller, to second order.
+    """Growth of small motions about a rest under the controller, to second order.
 
-    Slips and contacts that part are another question, which the verdict itself answers.
+    Slips and separations are not part of it: the verdict itself is about them.
 
     Attributes:
         stiffness: The least feedback at each joint with which none grows, and with no larger one
@@ -260,17 +260,17 @@ class SmallMotions(Record):
         growth: Rate of the one that grows fastest under the controller, 1/s; 0: none grows faster
             than `small_motions.GROWTH_LIMIT`; NaN as above.
         unit: Of the stiffness.
-        moving: What that one does, such as "the fingers buckle"; empty: none grows.
-        unknown: Why it is not known; empty: it is.
+        moving: That motion in words, such as "the fingers buckle"; empty: none grows.
+        unknown: Why nothing is known; empty: it is known.
         growth_by_surface: See `MinimumStiffness`; empty where no mesh touches.
         motion: (P + L,) the velocity of the one that grows fastest; None: none grows.
-        neutral: What motions do that nothing drives on or back.
-        least_growth: Growth under those contact forces, of all that the torques leave open, that
-            suit best, as found; NaN as above.
+        neutral: Marginally stable motions, in words.
+        least_growth: Least growth found over all contact forces that the torques leave open; NaN as
+            above.
         stable: All feedback with which none grows, (low, high) each, ascending, in that unit; the
             last high is inf where none grows with any larger one.
-        proofs: What proves that none grows, by model of the surfaces; empty: one does, or it is
-            not known.
+        proofs: Proofs that none grows, by model of the surfaces; empty: one does, or it is not
+            known.
         assumed: See `MinimumStiffness`.
     """
 
@@ -294,5 +294,5 @@ class SmallMotions(Record):
 
     @classmethod
     def not_known(cls, why: str) -> SmallMotions:
-        """Return that it is not known, and why."""
+        """Return a record without figures, with the reason why they are not known."""
         return cls(nan, nan, unknown=why)

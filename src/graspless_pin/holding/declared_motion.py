@@ -1,20 +1,16 @@
-"""Whether a declared motion is kept: nothing else is an outcome, or what else is.
+"""Whether a declared motion is kept: a proof that nothing else is an outcome, or another outcome.
 
-All contact states are gone through: open or closed, and sticking or slipping in sectors where a
+All contact states are enumerated: open or closed, and sticking or slipping in sectors where a
 contact does not slide by the declared motion. In each set of outcomes linear programs bound every
-component of the object's acceleration: the power of friction that rubs has no sign.
-
-What multipliers prove of all outcomes under a declared motion.
+component of the object's acceleration: the power of kinetic friction has no sign.
 
 For every outcome in given states and all multipliers nu and kappa, with
 lambda = p + sum_l (nu_l A_n,l + A_t,l^T kappa_l) and c = B lambda,
 
     p.y = lambda.h + sum_l c_l.f_l - sum_l (nu_l u_n,l + kappa_l.u_t,l),
 
-because y = B^T f + h and u = A y. Friction that rubs may add power, so that nothing else bounds y:
-c_l.f_l may be positive by rounding alone, and kappa stands only where slip is known.
-
-Linear programs over the outcomes under a declared motion with contacts in given states.
+because y = B^T f + h and u = A y. Kinetic friction may add power, so that nothing else bounds y:
+c_l.f_l may be positive by rounding alone, and kappa is zero unless the contact sticks or slips.
 """
 
 from __future__ import annotations
@@ -43,11 +39,11 @@ from graspless_pin.tree_search import TreeSearch
 _DIRECTIONS = 8
 """Directions of the tangent planes of each cone."""
 _BOX = 1e3
-"""Normal forces of best points, scaled; no proof leans on it."""
+"""Largest normal force of the best points, scaled; no proof depends on it."""
 _MOST_CUTS = 6
 """Rounds of tangent cuts."""
 _WHOLE = 1.0 - 1e-9
-"""Share of the load from which a point has the whole of it."""
+"""A share of the load from here on counts as the whole load."""
 
 
 class OutcomePrograms:
@@ -58,7 +54,7 @@ class OutcomePrograms:
     """
 
     def __init__(self, dynamics: Dynamics) -> None:
-        """Build the rows that all sets of outcomes share."""
+        """Add the rows that all sets of outcomes share."""
         self._dynamics = dynamics
         count, self._size = dynamics.contact_count, 3 * dynamics.contact_count + 1
         self._pushes = np.vstack([dynamics.pushes.reshape(self._size - 1, -1), dynamics.load])
@@ -85,7 +81,7 @@ class OutcomePrograms:
         return self._simplex.solves
 
     def set_states(self, states: States) -> None:
-        """Go to the outcomes in these states, with any share of the load."""
+        """Set bounds and rows to the outcomes in these states, with any share of the load."""
         self._simplex.drop_rows(self._shared, self._simplex.row_count)
         self._edges = []
         count, commanded = self._dynamics.contact_count, self._dynamics.is_commanded
@@ -108,7 +104,7 @@ class OutcomePrograms:
             self._add_arc(int(contact), states.center[contact], states.half_width[contact])
 
     def require_whole_load(self) -> None:
-        """Ask for the whole load from now on, if the last point had it: there is a point then."""
+        """Fix the share of the load to 1 if the last point has it: then the program is feasible."""
         lb, ub = self._bounds
         if self._load > _WHOLE:
             lb[-1] = 1.0
@@ -121,11 +117,11 @@ class OutcomePrograms:
 
         Args:
             goal: p (n,).
-            states: Those that were set.
+            states: Those of `set_states`.
 
         Returns:
-            Multipliers without their lambda, the best point's forces (M, 3) and its y (n,); None
-            where the solver has no answer.
+            Multipliers with lambda = 0 (see `completed_multipliers`), the best point's forces
+            (M, 3) and its y (n,); None where the solver has no answer.
         """
         cost = -self._pushes @ goal
         size = float(np.abs(cost).max()) or 1.0
@@ -159,7 +155,7 @@ class OutcomePrograms:
         self._simplex.add_rows(rows, np.full(len(rows), -np.inf), np.zeros(len(rows)))
 
     def _add_arc(self, contact: int, center: float, half_width: float) -> None:
-        """Add what a slip in an arc of less than pi says: edges for slip and force."""
+        """Add rows of a slip in an arc of less than pi: its edges, for slip and force."""
         edges, faces = arc_rows(center, half_width, self._dynamics.friction[contact])
         self._simplex.add_rows(edges @ self._slips[contact, 1:], np.zeros(2), np.full(2, np.inf))
         self._add_planes(np.full(3, contact), faces)
@@ -167,9 +163,9 @@ class OutcomePrograms:
         self._edges += [(contact, edge) for edge in (*edges, *np.zeros((3, 2)))]
 
     def _cut_cones(self, answer: SimplexAnswer, states: States) -> bool:
-        """Add the cone's tangent beside each sticking force outside; return whether any was added.
+        """Add a tangent for each sticking force outside its cone; return whether any was added.
 
-        Only where no contact is left to be split: before, splitting tells more.
+        It does so only where no contact is left to be split: before, splitting is more effective.
         """
         smooth = self._dynamics.friction == 0.0
         if (states.are(ContactState.FREE, ContactState.CLOSED) & ~smooth).any():
@@ -183,11 +179,12 @@ class OutcomePrograms:
 
 
 def point_goals(dynamics: Dynamics) -> FloatArray:
-    """Return (2 P + 1, n) goals: zero, and others of which none above one leaves all points slow.
+    """Return (2 P + 1, n) goals p: while p.y is at most 1 for each, all points count as at rest.
 
-    Those are both signs of the accelerations of the reference point and of the angular ones times
-    the longest lever, each in units of limit / (2 sqrt(3)), or of other passive coordinates as
-    `Dynamics.shares` tells. Where no outcome has even the goal zero, there is none at all.
+    The first one is zero: a negative bound on it proves that there is no outcome.
+    The others are both signs of the accelerations of the reference point and of the angular ones
+    times the longest lever, each in units of limit / (2 sqrt(3)), or of other passive coordinates
+    as `Dynamics.shares` tells.
     """
     positive = dynamics.levers[:, None] * dynamics.acceleration[: len(dynamics.levers)]
     positive *= dynamics.shares / dynamics.limit
@@ -200,8 +197,8 @@ def goal_bound(dynamics: Dynamics, states: States, dual: DualBound, force_limit:
     Args:
         dynamics: The scaled dynamics.
         states: Of the contacts.
-        dual: The multipliers of `completed_multipliers`, whose lambda holds p.
-        force_limit: It holds for outcomes with normal forces up to this, scaled.
+        dual: The multipliers of `completed_multipliers`, whose lambda includes p.
+        force_limit: The bound holds for outcomes with normal forces up to this, scaled.
     """
     rows, pushes, commanded = dynamics.rows, dynamics.pushes, dynamics.is_commanded
     high = np.where(commanded, dynamics.commanded, force_limit)
@@ -219,7 +216,7 @@ def goal_bound(dynamics: Dynamics, states: States, dual: DualBound, force_limit:
 def completed_multipliers(
     dynamics: Dynamics, states: States, dual: DualBound, goal: FloatArray
 ) -> DualBound:
-    """Return multipliers with the lambda that belongs to them, and none that is not allowed."""
+    """Return multipliers restricted to valid values, with the lambda that follows from them."""
     normal = allowed_normals(dynamics, states, dual.normal)
     known = states.are(ContactState.STICKING, ContactState.SLIPPING)
     tangential = np.where(known[:, None], dual.tangential, 0.0)
@@ -229,7 +226,7 @@ def completed_multipliers(
 
 
 _EMPTY = -0.5
-"""Where zero is bounded by this, there is no outcome; minus one but for rounding."""
+"""Where the goal zero has a smaller bound, there is no outcome: it is -1 but for rounding."""
 
 
 def search_other_motion(
@@ -240,7 +237,7 @@ def search_other_motion(
     Args:
         dynamics: The scaled dynamics.
         force_limit: Proofs have to hold for normal forces up to this, scaled.
-        is_over: Tells after so many nodes whether the search has to end.
+        is_over: Returns for a number of nodes whether the search has to end.
     """
     programs, goals = OutcomePrograms(dynamics), point_goals(dynamics)
     count = dynamics.contact_count
@@ -279,7 +276,10 @@ def _prove_goals(
     node: UnprovenSet,
     force_limit: float,
 ) -> tuple[FloatArray, FloatArray] | None:
-    """Prove what can be proven of a node; return y and forces of the first goal that is left."""
+    """Prove goals of a node in turn; return y and forces of the first that is not proven, or None.
+
+    Where the solver has no answer, y and forces are zero.
+    """
     states = node.states
     programs.set_states(states)
     for index in (0, *node.remaining):

@@ -23,7 +23,7 @@ from graspless_pin.problem.quasistatic import contact_map
 
 @dataclass(frozen=True, eq=False)
 class Dynamics:
-    """What the torques and the load do to object and joints in the first instant.
+    """The scaled equations of motion of object and joints in the first instant.
 
     With the inertia M = C C^T, the generalised load g, H = |C^-1 g| and the largest length alpha
     of a row of G C^-T: y = C^T a / H, A = G C^-T / alpha, h = C^-1 g / H, forces in units of
@@ -31,28 +31,28 @@ class Dynamics:
     |y|^2 + sum mu f_n |u_t| = h.y.
 
     A contact that slides by the declared motion has the force f_n (n - mu v/|v|) whatever the
-    acceleration. Then y = B^T f + h, and where it rubs the power of its friction has no sign.
+    acceleration. Then y = B^T f + h, and the power of its friction has no sign.
 
     Attributes:
         rows: (M, 3, n) A: along n, t1, t2 of each contact; n = P + joints that are no hybrid
             finger's. The normal row of a commanded contact is zero: its force is in the load.
         pushes: (M, 3, n) B: A, but along n - mu v/|v| and zeros where a contact slides.
-        load: (n,) h; zero where there is none. Less what is left aside.
+        load: (n,) h without the part in `aside`; zero where there is no load.
         friction: (M,) coefficients; zero where a contact slides: its friction is in B.
         commanded: (M,) normal forces that hybrid fingers command, scaled; NaN elsewhere.
         acceleration: (P + L, n) from y to accelerations of object and joints.
         force_unit: H / alpha, N.
         points: (M + k, 3, n) from y to the accelerations of the contact points and of the
             reference point of the object, m/s^2; see `observed_points`.
-        levers: (P,) what each passive acceleration makes at the farthest of these points at most,
-            m or 1.
-        shares: No point accelerates above the limit where no passive acceleration times its lever
-            is above the limit over this.
-        limit: Accelerations of those up to this count as rest, m/s^2.
-        spread: (n,) loads are h + theta spread for any theta from 0 to 1, of those outcomes that
-            have |y|^2 + sum mu f_n |u_t| <= h.y; zero: one load.
-        commanded_spread: (M,) what theta adds to commanded forces, scaled.
-        aside: (n,) what joints do by themselves, and y is without; see `without_free_joints`.
+        levers: (P,) largest acceleration of these points per unit of each passive acceleration, m
+            or 1.
+        shares: A number: if no passive acceleration times its lever exceeds limit / shares, no
+            point accelerates above the limit.
+        limit: Accelerations of those points up to this count as rest, m/s^2.
+        spread: (n,) loads are h + theta spread for any theta from 0 to 1; of these outcomes those
+            with |y|^2 + sum mu f_n |u_t| <= h.y are meant; zero: one load.
+        commanded_spread: (M,) change of commanded forces for theta = 1, scaled.
+        aside: (n,) motion of joints by themselves, not contained in y; see `without_free_joints`.
     """
 
     rows: FloatArray
@@ -82,7 +82,7 @@ class Dynamics:
 
     @cached_property
     def resolution(self) -> float:
-        """Every y that is shorter counts as rest."""
+        """Length of y below which it counts as rest."""
         return self.limit / float(np.linalg.norm(self.points, ord=2, axis=(1, 2)).max())
 
     def point_acceleration(self, y: FloatArray) -> float:
@@ -94,7 +94,7 @@ class Dynamics:
         return self.rows @ y
 
     def normal_forces(self, forces: FloatArray) -> FloatArray:
-        """Return those of scaled contact forces (M, 3), and what fingers command; (M,)."""
+        """Return (M,) normal forces, scaled: of contact forces (M, 3), or commanded."""
         return np.where(self.is_commanded, np.nan_to_num(self.commanded), forces[:, 0])
 
     def motion(self, forces: FloatArray) -> FloatArray:
@@ -103,16 +103,15 @@ class Dynamics:
 
 
 def observed_points(problem: QuasistaticProblem) -> tuple[FloatArray, FloatArray, float]:
-    """Return what has to be at rest, as seen by the velocities of the passive coordinates.
+    """Return the map from velocities of passive coordinates to those of the points to be at rest.
 
-    These are the contact points, and the reference point of the object. Beside a given wrench
-    matrix they are the relative velocities at contacts, and each coordinate's own times its lever:
-    the length scale of those with loads in N m, and of the others the longest three entries of
-    their row that belong to a contact, or 1.
+    These are the contact points and the reference point of the object. With a given wrench matrix
+    they are the relative velocities at contacts, and each coordinate's velocity times its lever:
+    the length scale for coordinates with loads in N m, for the others the largest norm of a
+    contact's three entries in their row, at least 1.
 
     Returns:
-        (M + k, 3, P) the map to velocities of points; (P,) the levers and their shares, see
-        `Dynamics`.
+        (M + k, 3, P) the map; (P,) the levers and their shares, see `Dynamics`.
     """
     count, passive = problem.contact_count, problem.passive_count
     if problem.wrench_matrix is None:
@@ -134,14 +133,14 @@ def generalized_load(problem: QuasistaticProblem, torques: FloatArray) -> FloatA
 
 
 _ROUNDING = 8.0 * float(np.finfo(float).eps)
-"""Of the length of a column at one contact."""
+"""Relative to the norm of a coordinate's three entries at one contact: smaller ones are zero."""
 
 
 def contact_jacobian(problem: QuasistaticProblem) -> FloatArray:
     """Return G = [W^T, -J] in contact frames, (M, 3, P + L).
 
-    What rounding leaves of an entry is zero where coordinates are of other axes than contacts: a
-    contact does not resist a motion along its tangents, however large its force.
+    With a given wrench matrix, whose coordinates may have other axes than contacts, entries at
+    rounding level are set to zero: a contact must not resist a motion that it does not constrain.
     """
     g = contact_map(problem).copy()
     g[:, :, problem.passive_count :] *= -1.0
@@ -151,7 +150,7 @@ def contact_jacobian(problem: QuasistaticProblem) -> FloatArray:
 
 
 def force_jacobian(problem: QuasistaticProblem) -> FloatArray:
-    """Return G as forces see it, (M, 3, P + L): n - mu v/|v| and zeros where a contact slides."""
+    """Return G for forces, (M, 3, P + L): rows of a sliding contact are n - mu v/|v| and zeros."""
     g = contact_jacobian(problem)
     sliding = problem.is_sliding
     along = np.einsum("lji,lj->li", problem.frames, problem.kinetic_directions)[sliding]
@@ -161,7 +160,12 @@ def force_jacobian(problem: QuasistaticProblem) -> FloatArray:
 
 
 def world_forces(problem: QuasistaticProblem, forces: FloatArray) -> FloatArray:
-    """Return forces (M, 3) in contact frames in world axes; a sliding one by its normal force."""
+    """Return contact forces (M, 3) in world axes; those of sliding contacts by normal forces.
+
+    Args:
+        problem: The problem.
+        forces: (M, 3) along n, t1, t2.
+    """
     world = (problem.frames @ forces[:, :, None])[:, :, 0]
     sliding = problem.is_sliding
     world[sliding] = forces[sliding, :1] * problem.kinetic_directions[sliding]
@@ -174,7 +178,7 @@ def slides_with_friction(problem: QuasistaticProblem) -> NDArray[np.bool_]:
 
 
 def free_friction(problem: QuasistaticProblem) -> FloatArray:
-    """Return the (M,) coefficients of friction whose direction is free; zero where one slides."""
+    """Return the (M,) coefficients of friction; zero for contacts that slide as declared."""
     return np.where(problem.is_sliding, 0.0, problem.friction)
 
 
@@ -185,7 +189,7 @@ def scaled_dynamics(
     hybrid: NDArray[np.intp],
     limit: float,
 ) -> Dynamics | None:
-    """Return the scaled dynamics; None where nothing accelerates: without load, if nothing rubs.
+    """Return the scaled dynamics; None without any load, if no contact slides with friction.
 
     Args:
         problem: Contacts, load and joints.
@@ -237,10 +241,10 @@ def scaled_dynamics(
 
 
 def spread_towards(dynamics: Dynamics, other: Dynamics | None) -> Dynamics:
-    """Return dynamics whose load is any between its own and another one of the same bodies.
+    """Return dynamics whose load is any load between its own and another one of the same bodies.
 
     The power of a load between two is at most the larger of theirs. So each outcome of such a load
-    is one of the dynamics spread from here to there, or of those spread from there to here.
+    is one of the dynamics spread from the one to the other, or from the other to the one.
 
     Args:
         dynamics: Of one load.
@@ -257,23 +261,23 @@ def spread_towards(dynamics: Dynamics, other: Dynamics | None) -> Dynamics:
 
 
 _DEPENDENT = 1e-13
-"""Of the largest singular value: rows with less depend on the others."""
+"""Relative to the largest singular value: rows with smaller ones depend on the others."""
 _LEAST_ASIDE = 1e-7
-"""Scaled accelerations of joints by themselves up to this are not left aside."""
+"""Scaled accelerations of joints by themselves up to this are not split off."""
 _TINY = 1e-12
-"""Of the largest entry of what is left aside: smaller ones are rounding."""
+"""Relative to the largest entry of `Dynamics.aside`: smaller ones are rounding."""
 _LEAK = 0.1
-"""Of the power that counts as rest: what contacts may do along what is left aside."""
+"""Share of the power that counts as rest: most power of contacts along `Dynamics.aside`."""
 
 
 def without_free_joints(
     dynamics: Dynamics, opened: NDArray[np.bool_], force_limit: float
 ) -> Dynamics:
-    """Return the dynamics less what joints do by themselves while some contacts are open.
+    """Return the dynamics without the motion of joints by themselves while some contacts are open.
 
-    In motions z in which the object stays, and no contact but open ones takes part, every outcome
-    has z.y = z.h. With w the part of h along them, y' = y - w has y' = A^T f + h - w and
-    |y'|^2 + sum mu f_n |u_t| = (h - w).y': a finger that leaves does not hide what the object does.
+    Along motions z in which the object and all contacts but open ones stay, every outcome has
+    z.y = z.h. With w the part of h along them, y' = y - w has y' = A^T f + h - w and
+    |y'|^2 + sum mu f_n |u_t| = (h - w).y': bounds of y' do not contain the motion of a free finger.
 
     Args:
         dynamics: The scaled dynamics of one load.
@@ -298,14 +302,14 @@ def without_free_joints(
 
 
 def leak_powers(dynamics: Dynamics, aside: FloatArray) -> FloatArray:
-    """Return the (M,) power of each contact along what is left aside, for a unit normal force."""
+    """Return (M,) the most power of each contact along `aside` (n,), for a unit normal force."""
     return np.sqrt(1.0 + dynamics.friction**2) * np.linalg.norm(dynamics.rows @ aside, axis=1)
 
 
 LEAST_LOAD = 1e-4
-"""Of the load: contacts that bear less in all admissible forces neither hold nor guide anything."""
+"""In loads: contacts that bear less in all admissible forces are no constraints on motions."""
 NEGLIGIBLE = 1e-6
-"""A speed below this share of the others is none, and so is a lever."""
+"""Relative: smaller speeds and levers count as zero."""
 _IN_ONE_PLACE = 1e-3
 """Of the distance from the reference point: contacts nearer to each other are in one place."""
 
@@ -313,10 +317,10 @@ _IN_ONE_PLACE = 1e-3
 def free_motions(problem: QuasistaticProblem) -> FloatArray:
     """Return a basis of the motions that move the object while every contact just rolls.
 
-    Object and joints move so that all contacts keep touching and none slips, but those that slide
-    anyway or have no friction. To first order nothing resists such a motion: whether constant
-    torques hold the object then hangs on curvatures and weights, and mostly they do not; position
-    feedback does. In a declared sliding the sliding itself is among them.
+    Object and joints move so that all contacts keep touching and none slips, except those that
+    slide as declared or have no friction. To first order nothing resists such a motion: whether
+    constant torques hold the object then depends on curvatures and weights, and mostly they do not;
+    position feedback does. A declared sliding motion is itself among them.
 
     Motions of the joints alone are left out: each motion moves the joints as little as it can. At
     a hybrid finger's contact the finger follows along the normal, and its entry is zero.
@@ -354,14 +358,14 @@ def free_motions(problem: QuasistaticProblem) -> FloatArray:
 def with_joints_held(
     problem: QuasistaticProblem, torques: FloatArray, joints: NDArray[np.intp]
 ) -> QuasistaticProblem:
-    """Return the problem with some joints that stand still, whatever torques that takes.
+    """Return the problem with some joints held still, whatever torques that takes.
 
-    They keep their places, but have no part in the contacts, and each bears its own torque.
+    Their columns of J are zero, and each joint balances its own torque.
 
     Args:
         problem: The problem.
         torques: (L,) of the motors, N m (N).
-        joints: Which.
+        joints: Indices of the joints that are held.
     """
     jacobian, gravity = problem.jacobian.copy(), problem.gravity_torques.copy()
     jacobian[:, joints] = 0.0
@@ -378,15 +382,15 @@ def with_joints_held(
 def small_motions_without_scene(
     problem: QuasistaticProblem, bearing: Callable[[], FloatArray]
 ) -> SmallMotions:
-    """Return what is known of small motions about a rest from its contacts' first order alone.
+    """Return what the contacts alone, without surfaces, tell of small motions about a rest.
 
-    Where no motion of object and joints leaves all contacts without slip, there is none. How
-    contacts roll in others hangs on surfaces, which a problem does not have.
+    If every motion of object and joints makes loaded contacts slip or open, there is none.
+    Otherwise stability depends on how the surfaces roll, which a problem does not know.
 
     Args:
         problem: Contacts and joints at rest.
-        bearing: Returns (M, 3) forces of a rest, N, world axes, in which all contacts bear load
-            that do in any; the others hold nothing.
+        bearing: Returns (M, 3) forces of a rest, N, world axes, in which every contact bears load
+            that does in some rest; the others are no constraints.
     """
     if problem.is_sliding.any():
         return SmallMotions.not_known("contacts slide as declared")
@@ -413,12 +417,16 @@ def without_slip(
     *,
     bears: NDArray[np.bool_] | None = None,
 ) -> tuple[FloatArray, NDArray[np.bool_], FloatArray]:
-    """Return a basis of the motions without slip, scaled, of which entries, and their units.
+    """Return an orthonormal basis of the motions in which no contact slips or opens.
 
     Args:
         problem: Contacts and joints.
-        moving: (P + L,) what moves; None: all but hybrid fingers, which follow.
-        bears: (M,) contacts that do not slip; None: all.
+        moving: (P + L,) coordinates that move; None: all but hybrid fingers, which follow.
+        bears: (M,) contacts that do not slip or open; None: all.
+
+    Returns:
+        The basis as columns, scaled by the units; the mask ``moving``; and the units of its
+        coordinates, see `motion_units`.
     """
     hybrid = hybrid_contacts(problem)
     if moving is None:
@@ -434,9 +442,10 @@ def without_slip(
 
 
 def motion_length(problem: QuasistaticProblem) -> float:
-    """Return the length that linear velocities count in, m: of contacts in one place their lever.
+    """Return the unit of length of linear velocities, m: `problem.scales.length`.
 
-    Their distance from each other, and with it `problem.scales.length`, may be next to nothing.
+    For contacts in one place, where that may be next to zero, it is their distance from the
+    reference point.
     """
     length = problem.scales.length
     if problem.wrench_matrix is not None:
@@ -446,7 +455,7 @@ def motion_length(problem: QuasistaticProblem) -> float:
 
 
 def motion_units(problem: QuasistaticProblem) -> FloatArray:
-    """Return the (P + L,) velocities of object and joints that count as one in `free_motions`."""
+    """Return the (P + L,) units of the velocities of object and joints in `free_motions`."""
     length = motion_length(problem)
     blocks = problem.jacobian.reshape(problem.contact_count, 3, problem.joint_count)
     levers = np.linalg.norm(blocks, axis=1).max(axis=0)

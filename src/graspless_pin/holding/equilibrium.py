@@ -1,8 +1,8 @@
-"""Whether rest is an outcome, and with how little friction: one linear program each.
+"""Whether rest is an outcome: linear programs for contact forces that balance the load.
 
-Forces of rest balance the load and the torques inside round cones: mostly inside polygons in these.
-Else cones are approached by tangent planes where the last answer left them (Kelley's cutting
-planes).
+Forces of rest balance the load and the torques inside round friction cones. In most cases inscribed
+pyramids suffice; otherwise tangent planes are added where the last answer is outside a cone
+(Kelley's cutting planes).
 """
 
 from __future__ import annotations
@@ -19,25 +19,25 @@ from graspless_pin.solvers.simplex import Simplex, SimplexAnswer
 
 _DIRECTIONS = 8
 _INSCRIBED = float(np.cos(np.pi / _DIRECTIONS))
-"""Of the friction: planes of polygons whose corners are on the circle."""
+"""Factor on the friction for pyramids inscribed in the cones."""
 _MOST_ROUNDS = 40
 BALANCE_TOLERANCE = 1e-6
-"""Of the load: forces that leave less of it unbalanced are forces of rest."""
+"""In loads: forces with a smaller residual are forces of rest."""
 _EXACT = 1e-9
-"""Of the load: forces inside their cones that leave less are not looked for further."""
+"""In loads: with a smaller residual inside the pyramids the search ends."""
 _OUTSIDE = 1e-10
-"""Of the load: forces may be so far outside their cones before another plane cuts them off."""
+"""In loads: violation of a cone up to which no plane is added."""
 
 
 @dataclass(frozen=True, eq=False)
 class Balance:
-    """The forces that leave least of the load unbalanced, or enough to know that much is left.
+    """The contact forces with the least residual of the balance, and a proof of a lower bound.
 
     Attributes:
-        residual: The largest entry of G^T f + g in units of the load, worked out of the forces.
-        outside: By how much the forces leave the cones of friction at most, in loads.
+        residual: The largest entry of G^T f + g in units of the load, computed from the forces.
+        outside: Largest violation of the friction cones, in loads.
         forces: (M, 3) in contact frames, in loads.
-        proof: (P + L,) z with sum |z| <= 1: no forces leave less than z.g unbalanced.
+        proof: (P + L,) z with sum |z| <= 1: no forces have a smaller residual than z.g.
         programs: Linear programs solved.
     """
 
@@ -49,7 +49,7 @@ class Balance:
 
     @property
     def is_rest(self) -> bool:
-        """Whether the forces balance the load inside the cones, whatever the solver says."""
+        """Whether the forces balance the load inside the cones, by their own residuals."""
         return self.residual <= BALANCE_TOLERANCE and self.outside <= BALANCE_TOLERANCE
 
 
@@ -60,36 +60,36 @@ def least_residual(
     enough: float,
     friction_limits: FloatArray | None = None,
 ) -> Balance | None:
-    """Find the contact forces that leave least of the load unbalanced.
+    """Find the contact forces with the least residual of the balance.
 
     Args:
         jacobian: (M, 3, k) G in units of the load.
         load: (k,) g in those units.
         friction: (M,) coefficients.
-        enough: Once at least so much is known to be left, the search ends: the forces are then
-            those of cones that are too wide, and the proof stands.
-        friction_limits: (M,) friction that each contact bears at most, in loads; None: mu f_n.
+        enough: The search ends once the residual is proven to be larger; the forces may then be
+            outside their cones.
+        friction_limits: (M,) largest friction force of each contact, in loads; None: mu f_n.
 
     Returns:
         The forces; None where the solver has no answer.
     """
-    # Most loads balance inside polygons in the cones, by one program.
+    # Most loads balance inside the inscribed pyramids, by one program.
     limits = None if friction_limits is None else _INSCRIBED * friction_limits
     inside = _residual_program(jacobian, load, _INSCRIBED * friction, limits)
-    found = _balance_of_answer(inside.solve(), jacobian, load, friction, 1)
-    if found is not None and found.residual <= _EXACT:
-        return found
+    balance = _balance_of_answer(inside.solve(), jacobian, load, friction, 1)
+    if balance is not None and balance.residual <= _EXACT:
+        return balance
     simplex = _residual_program(jacobian, load, friction, friction_limits)
     best: Balance | None = None
     for _ in range(_MOST_ROUNDS):
-        found = _balance_of_answer(simplex.solve(), jacobian, load, friction, 1 + simplex.solves)
-        if found is None:
+        balance = _balance_of_answer(simplex.solve(), jacobian, load, friction, 1 + simplex.solves)
+        if balance is None:
             return best
-        best, forces = found, found.forces
+        best, forces = balance, balance.forces
         sides = np.hypot(forces[:, 1], forces[:, 2])
-        most = friction * forces[:, 0] if friction_limits is None else friction_limits
-        outside = np.flatnonzero(sides > most + _OUTSIDE * np.maximum(1.0, forces[:, 0]))
-        # Tangent planes lie outside the cones: forces inside leave no less.
+        limit = friction * forces[:, 0] if friction_limits is None else friction_limits
+        outside = np.flatnonzero(sides > limit + _OUTSIDE * np.maximum(1.0, forces[:, 0]))
+        # Tangent planes enclose the cones: the residual is a lower bound for forces inside.
         if not len(outside) or best.residual > enough:
             return best
         toward = forces[outside, 1:] / sides[outside, None]
@@ -103,10 +103,10 @@ def _residual_program(
     friction: FloatArray,
     friction_limits: FloatArray | None = None,
 ) -> Simplex:
-    """Return the program of the least residual, with the first planes around cones or disks."""
+    """Return the program of the least residual, with the first planes of cones or disks."""
     count, size = len(jacobian), 3 * len(jacobian) + 1
     lb, ub = np.full(size, -np.inf), np.full(size, np.inf)
-    lb[::3] = 0.0  # normal forces, and what is left of the load
+    lb[::3] = 0.0  # normal forces, and the residual
     cost = np.zeros(size)
     cost[-1] = 1.0
     simplex = Simplex(cost, lb, ub)
@@ -133,7 +133,7 @@ def _balance_of_answer(
     friction: FloatArray,
     programs: int,
 ) -> Balance | None:
-    """Return an answer's forces and proof, and what they leave; None where there is no answer."""
+    """Return the forces of an answer, their residuals and the proof; None without an answer."""
     if not answer.is_optimal:
         return None
     forces, size = answer.x[:-1], len(load)
@@ -154,7 +154,7 @@ def farthest_forces(
     cost: FloatArray,
     most: FloatArray,
 ) -> FloatArray | None:
-    """Find forces of rest inside polygons in the cones that go farthest against a cost.
+    """Find the forces of rest inside inscribed pyramids that minimise a linear cost.
 
     Args:
         jacobian: (M, 3, k) G in units of the load.
@@ -173,7 +173,7 @@ def farthest_forces(
     sides = friction * most
     largest = np.column_stack([most, sides, sides])
     least = np.column_stack([np.zeros(count), -sides, -sides])
-    # The last variable is what is left of the load.
+    # The last variable is the residual.
     simplex.set_bounds(np.append(least, 0.0), np.append(largest, _EXACT))
     simplex.set_cost(np.append(cost / size, 0.0))
     answer = simplex.solve()
@@ -181,14 +181,14 @@ def farthest_forces(
 
 
 def normal_force_balance(normals: FloatArray, load: FloatArray) -> Balance | None:
-    """Find normal forces alone that balance the load, or leave little of it, by least squares.
+    """Find normal forces without friction that balance the load best, by least squares.
 
     Args:
         normals: (M, k) G along the normals, in units of the load.
         load: (k,) g in those units.
 
     Returns:
-        The forces; None where the method comes to no end.
+        The forces; None where the method does not converge.
     """
     sizes = nonnegative_squares(normals.T, -load)
     if sizes is None:
@@ -206,7 +206,7 @@ def _add_planes(
     friction: FloatArray,
     friction_limits: FloatArray | None,
 ) -> None:
-    """Add d.f_t <= mu f_n, or d.f_t <= the given limit."""
+    """Add rows d.f_t <= mu f_n, or d.f_t <= the given limit, for directions d (k, 2)."""
     in_cones = friction_limits is None
     high = np.zeros(len(contacts)) if in_cones else friction_limits[contacts]
     planes = cone_planes(friction[contacts] if in_cones else 0.0, directions)

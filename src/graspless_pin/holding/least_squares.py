@@ -1,6 +1,6 @@
-"""Least squares whose solvers may fail: no answer, or numbers of the right kind and count.
+"""Least squares whose solvers may fail: they return None, or finite numbers of the right shape.
 
-Whether they are the right numbers is told by what is worked out of them where they are used.
+Callers check the numbers themselves by the residuals that they compute from them.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from graspless_pin.problem.checks import FloatArray
 
 
 def nonnegative_squares(matrix: FloatArray, target: FloatArray) -> FloatArray | None:
-    """Return the x >= 0 with the least |matrix x - target|; None where the method gives none.
+    """Return the x >= 0 that minimises |matrix x - target|; None where the method fails.
 
     Args:
         matrix: (k, n).
@@ -27,12 +27,12 @@ def nonnegative_squares(matrix: FloatArray, target: FloatArray) -> FloatArray | 
 
 
 def least_squares(matrix: FloatArray, target: FloatArray, rank: float) -> FloatArray | None:
-    """Return the shortest x with the least |matrix x - target|; None where the method gives none.
+    """Return the shortest x that minimises |matrix x - target|; None where the method fails.
 
     Args:
         matrix: (k, n).
         target: (k,).
-        rank: Singular values below this share of the largest are none.
+        rank: Singular values below this share of the largest count as zero.
     """
     try:
         found = np.asarray(np.linalg.lstsq(matrix, target, rcond=rank)[0], dtype=np.float64)

@@ -1,10 +1,10 @@
-"""Patches: contacts in one plane between two bodies, whose slips one planar motion tells.
+"""Patches: contacts in one plane between two bodies, whose slips one planar motion determines.
 
 The slips of the k contacts of a patch are u_t = T x with three numbers x: two of translation and
-one of rotation. So what the patch does is split as a whole: none of its contacts slips, or x lies
-in one of six cones over the faces of a cube, each of which may be halved. In a cone the slip of a
-contact lies in an arc, and friction against it, whether the contact is closed or not; but for those
-near a centre of rotation, whose direction the cone does not tell.
+one of rotation. So a patch is branched on as a whole: none of its contacts slips, or x lies in one
+of six cones over the faces of a cube, each of which may be halved. In a cone the slip of a contact
+lies in an arc and its friction in the opposite one, whether the contact is closed or open. Contacts
+near a centre of rotation are an exception: the cone does not determine their slip direction.
 """
 
 from __future__ import annotations
@@ -20,24 +20,23 @@ from graspless_pin.records import Record
 _FEWEST_CONTACTS = 3
 """Contacts of a patch: fewer are split one by one."""
 _FEWEST_OF_SEVERAL = 5
-"""Contacts of each of several patches: what four corners in one plane do tells of other planes."""
+"""Contacts of each of several patches: states of four corners in one plane decide other planes."""
 _DEPENDENT = 1e-12
-"""Of the largest singular value: of what contacts have beside three, less is rounding."""
+"""Relative to the largest singular value: a smaller fourth one is rounding."""
 _THIN = 1e-6
-"""Of the largest singular value: motions with less are none, as of contacts in one place."""
+"""Relative to the largest singular value: least third one, which contacts in one place lack."""
 _UNTOLD = 1e-3
-"""Of the largest singular value of a patch: slips with less tell too little of a motion."""
+"""Smallest singular value with which the first contacts' rows T determine a planar motion."""
 _ROUNDING = 2e-15
-"""Scaled acceleration: what rounding leaves of slips that one motion tells, for whoever works
-their rows out in another order."""
+"""Scaled acceleration: rounding error of slips as T x, if rows are computed in another order."""
 _SAFETY = 4.0
-"""Times what is left of them: whoever checks it rounds otherwise."""
+"""Safety factor on the residual of slips as T x: checkers round differently."""
 _MOST_TURN = 0.1
-"""What is left of slips may turn them by so much, rad."""
+"""Largest error of a slip's direction due to that residual, rad."""
 _MOST_UNTOLD = 5e-3
-"""Patches of which rounding leaves more than so much, rad, tell too few slips."""
+"""Largest `Patch.turning`: with more, too few slip directions are determined."""
 _WIDEST = 0.5 * np.pi - 1e-3
-"""Half the width of an arc that tells something, rad."""
+"""Half the width of the widest arc that is used, rad."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,8 +47,8 @@ class MotionCone(Record):
         axes: (3, 3) rows.
         axis: The one with the largest coefficient.
         sign: 1 or -1, its sign.
-        low: (2,) the least ratio of the others, in their order, to its size.
-        high: (2,) the largest ratio.
+        low: (2,) smallest ratios of the other coefficients, in their order, to its absolute value.
+        high: (2,) largest ratios.
     """
 
     axes: FloatArray
@@ -60,8 +59,8 @@ class MotionCone(Record):
 
     @property
     def rays(self) -> FloatArray:
-        """(4, 3) motions at the corners: all others are sums of these."""
-        first, second = (one for one in range(3) if one != self.axis)
+        """(4, 3) motions at the corners: all others are nonnegative sums of these."""
+        first, second = (axis for axis in range(3) if axis != self.axis)
         rays = np.zeros((4, 3))
         rays[:, self.axis] = self.sign
         rays[:, first] = np.repeat([self.low[0], self.high[0]], 2)
@@ -74,7 +73,7 @@ class MotionCone(Record):
         return float((np.arctan(self.high) - np.arctan(self.low)).max())
 
     def halves(self) -> list[MotionCone]:
-        """Return the halves, parted across the larger angle."""
+        """Return the two halves, split across the larger angle."""
         low, high = np.arctan(self.low), np.arctan(self.high)
         side = int(np.argmax(high - low))
         lower, upper = self.high.copy(), self.low.copy()
@@ -84,13 +83,13 @@ class MotionCone(Record):
 
 @dataclass(frozen=True, eq=False)
 class PatchSlip(Record):
-    """What the contacts of a patch do.
+    """The known slip of a patch: a cone of planar motions, or none.
 
     Attributes:
         contacts: The k contacts.
         images: (k, 2, 3) T, from planar motions to slips along t1 and t2.
-        cone: The motions; None: no contact slips.
-        arcs: (k, 2) middle and half width of the directions in which each contact slips, rad; pi:
+        cone: The planar motions; None: no contact slips.
+        arcs: (k, 2) middle and half width of the arc of slip directions of each contact, rad; pi:
             any; -1: it does not slip.
     """
 
@@ -101,7 +100,7 @@ class PatchSlip(Record):
 
     @cached_property
     def determining_count(self) -> int:
-        """How many of the first contacts tell the motion by their slips: two in two places."""
+        """How many of the first contacts determine the motion: two, if in two places."""
         count = 2
         while np.linalg.matrix_rank(self.images[:count].reshape(-1, 3), tol=_UNTOLD) < 3:
             count += 1
@@ -115,13 +114,14 @@ class PatchSlip(Record):
 
 @dataclass(frozen=True, eq=False)
 class Patch(Record):
-    """Contacts whose slips one planar motion tells.
+    """Contacts whose slips one planar motion determines.
 
     Attributes:
         contacts: The k contacts.
         images: (k, 2, 3) T, from planar motions to slips along t1 and t2.
         motion: (3, n) from y to the planar motion.
-        turning: Slips above the tolerance are told but for so much, times their share.
+        turning: Error of the directions of slips above the tolerance: its sine is this over the
+            contact's slip in a planar motion of norm one.
     """
 
     contacts: tuple[int, ...]
@@ -130,22 +130,22 @@ class Patch(Record):
     turning: float
 
     def split(self, known: PatchSlip | None, y: FloatArray) -> list[PatchSlip]:
-        """Return what together holds all that the patch may do.
+        """Return slips that together cover all slips of the patch.
 
         Args:
-            known: What it does; None: nothing is known of it.
-            y: (n,) the motion of a point: the first cones lie around that.
+            known: Its known slip; None: nothing is known of it.
+            y: (n,) the motion of a point, around which the first cones lie.
         """
         if known is not None:
             cones = [] if known.cone is None else known.cone.halves()
             return [self._slip_in_cone(cone) for cone in cones]
         axes, _ = np.linalg.qr(np.column_stack([self.motion @ y, np.eye(3)]))
-        one, still = np.ones(2), np.tile([0.0, -1.0], (len(self.contacts), 1))
-        cones = [MotionCone(axes.T, k, sign, -one, one) for k in range(3) for sign in (1, -1)]
+        ones, still = np.ones(2), np.tile([0.0, -1.0], (len(self.contacts), 1))
+        cones = [MotionCone(axes.T, k, sign, -ones, ones) for k in range(3) for sign in (1, -1)]
         return [PatchSlip(self.contacts, self.images, None, still), *map(self._slip_in_cone, cones)]
 
     def _slip_in_cone(self, cone: MotionCone) -> PatchSlip:
-        """Return the arcs of slip of motions in a cone."""
+        """Return the slip of motions in a cone, with the arc of each contact."""
         rays = cone.rays / np.linalg.norm(cone.rays, axis=1)[:, None]
         arcs = np.tile([0.0, np.pi], (len(self.contacts), 1))
         for arc, image in zip(arcs, self.images, strict=True):
@@ -164,7 +164,7 @@ class Patch(Record):
 
 
 def find_patches(rows: FloatArray, friction: FloatArray, tolerance: float) -> list[Patch]:
-    """Return the patches: one of three contacts and more, or several of five and more.
+    """Return the patches: a single one has three contacts or more, several have five or more each.
 
     Args:
         rows: (M, 3, n) from y to accelerations along n, t1, t2, scaled.
@@ -184,13 +184,13 @@ def find_patches(rows: FloatArray, friction: FloatArray, tolerance: float) -> li
         slips = _slip_rows(rows, members)
         images, sizes, turns = np.linalg.svd(slips, full_matrices=False)
         images, motion = images[:, :3], sizes[:3, None] * turns[:3]
-        # Slips of y up to |y| = 2, the longest there is, are told but for so much.
-        off = (slips - images @ motion).reshape(len(members), 2, -1)
-        missing = _ROUNDING + _SAFETY * float(np.linalg.norm(off, ord=2, axis=(1, 2)).max())
-        if sizes[2] > _THIN * sizes[0] and missing < 0.5 * tolerance:
+        # The error of slips as T x, for y up to |y| = 2, the longest there is.
+        residual = (slips - images @ motion).reshape(len(members), 2, -1)
+        error = _ROUNDING + _SAFETY * float(np.linalg.norm(residual, ord=2, axis=(1, 2)).max())
+        if sizes[2] > _THIN * sizes[0] and error < 0.5 * tolerance:
             images = images.reshape(len(members), 2, 3)
             longest = float(np.linalg.norm(images, ord=2, axis=(1, 2)).max())
-            turning = missing * longest / (tolerance - missing)
+            turning = error * longest / (tolerance - error)
             if turning < _MOST_UNTOLD:
                 patches.append(Patch(tuple(members), images, motion, turning))
     fewest = _FEWEST_CONTACTS if len(patches) == 1 else _FEWEST_OF_SEVERAL

@@ -1,4 +1,4 @@
-"""The linear relaxation of all outcomes in which contacts are in given states.
+"""The linear relaxation of all outcomes with contacts in given states.
 
 Its rows are planes around friction cones, and around the forces and slips of an arc.
 """
@@ -18,7 +18,7 @@ from graspless_pin.problem.checks import FloatArray
 from graspless_pin.solvers.simplex import Simplex, SimplexAnswer
 
 _INSIDE = 1e-8
-"""Share of the friction by which tangents of cones lie inside: the points on them are outcomes."""
+"""Share of the friction by which tangents lie inside the cones: points on them are outcomes."""
 
 
 def unit_directions(count: int) -> FloatArray:
@@ -28,19 +28,19 @@ def unit_directions(count: int) -> FloatArray:
 
 
 def cone_planes(friction: FloatArray | float, directions: FloatArray) -> FloatArray:
-    """Return rows (k, 3) r with r.f <= 0: d.f_t <= mu f_n for each direction d (k, 2)."""
+    """Return rows (k, 3) r with r.f <= 0, which is d.f_t <= mu f_n, for directions d (k, 2)."""
     return np.column_stack([np.broadcast_to(-np.asarray(friction), len(directions)), directions])
 
 
 def cone_tangents(
     forces: FloatArray, friction: FloatArray, among: NDArray[np.bool_]
 ) -> tuple[NDArray[np.intp], FloatArray]:
-    """Return the tangents of cones beside forces outside them.
+    """Return the tangent planes of cones nearest to forces outside them.
 
     Args:
-        forces: (M, 3).
-        friction: (M,).
-        among: (M,) contacts whose forces are looked at.
+        forces: (M, 3) in contact frames.
+        friction: (M,) coefficients.
+        among: (M,) contacts whose forces are considered.
 
     Returns:
         The k contacts, and rows (k, 3) as of `cone_planes`.
@@ -58,9 +58,9 @@ def plane_rows(
 
     Args:
         contacts: The k contacts.
-        planes: Of each a row along n, t1, t2.
-        size: Variables of the program.
-        first: The first variable that is a force.
+        planes: (k, 3) coefficients along n, t1, t2.
+        size: Number of variables of the program.
+        first: Index of the first variable that is a force.
     """
     rows = np.zeros((len(contacts), size))
     np.put_along_axis(rows, first + 3 * contacts[:, None] + np.arange(3), planes, axis=1)
@@ -68,7 +68,7 @@ def plane_rows(
 
 
 def arc_rows(center: float, half_width: float, friction: float) -> tuple[FloatArray, FloatArray]:
-    """Return what a slip in an arc of at most pi says of itself and of the force.
+    """Return rows for the slip and the force of a contact whose slip is in an arc of at most pi.
 
     Args:
         center: Angle of the arc's middle, rad.
@@ -93,31 +93,31 @@ _MOST_CUTS = 6
 _MOST_KEPT = 70
 """Tangents that later programs keep."""
 _HOPELESS = 1e-3
-"""Of the goal: where the best point has more, splitting contacts tells more than tangents do."""
+"""Goal at the best point above which contacts are split instead of adding tangents."""
 _STILL = 1e-9
-"""Power of a point, in its square, below which the way to rest tells nothing."""
+"""Power over |y|^2 below which the tangent is taken at the nearest point of the ball."""
 _SAME_MOTION = 1e-12
 """Scaled accelerations that differ by no more are the same."""
 _WORTH_MORE, _LEAST = 1.05, 1e-6
-"""Times the load that is known, and of the load: what has to be proven for it to be worth it."""
+"""Factor on the known normal force, and scaled force added, that a proof has to exceed."""
 _ROUNDING = 1e-13
-"""Of the largest multiplier: smaller ones are none."""
+"""Relative to the largest multiplier: smaller ones are set to zero."""
 _ROUNDED = 5e-7
-"""Scaled force: what rounding may take from a proof that holds up to a million loads."""
+"""Scaled force that is subtracted from proven ones: rounding errors at a million loads."""
 _PENALTY = 2.0
-"""Of the share of the load that is taken away; any is sound: outcomes take none away."""
+"""Cost of the share of the load that is taken away; any is valid, as outcomes take none away."""
 FORCE_LIMIT = 1e6
 """Proofs hold for normal forces up to this, in loads."""
 
 
 @dataclass(frozen=True, eq=False)
 class RelaxationPoint:
-    """The best point of a relaxation, and what its multipliers prove.
+    """The best point of a relaxation, and the bound that its multipliers prove.
 
     Attributes:
-        value: The goal there, less what the load taken away costs.
+        value: The goal there, less the penalty for the load taken away.
         bound: An upper bound of the goal over all outcomes in these states.
-        dual: What proves it.
+        dual: The multipliers that prove it.
         y: (n,) the motion of the best point.
         forces: (M, 3) its contact forces, scaled.
         load_left: Share of the load that the best point keeps.
@@ -132,30 +132,30 @@ class RelaxationPoint:
 
 
 class _SharedRecords:
-    """What relaxations of the same bodies share: how many linear programs, and their dynamics."""
+    """Data shared by relaxations of the same bodies: a count of linear programs, and dynamics."""
 
     def __init__(self) -> None:
-        """Begin at none."""
+        """Start empty."""
         self.count = 0
         self.dynamics: dict[bytes, Dynamics] = {}
-        """Without free joints, by the contacts that are open."""
+        """Results of `without_free_joints`, by the mask of open contacts."""
 
 
 class Relaxation:
-    """Linear programs in (y, f, slip bounds, share of the load taken away), from node to node.
+    """Linear programs in (y, f, slip bounds, share s of the load taken away), reused for all nodes.
 
-    Where loads spread, theta is a variable, too. Rows: the dynamics y - A^T f - theta spread + s h
-    = h, u_n >= 0 or = 0, tangent planes of the cones, the friction's power sum mu l |u_t| <= h.y,
-    and for each contact with a state what that says.
+    With a spread of loads, theta is a variable, too. Rows: the dynamics y - A^T f - theta spread +
+    s h = h, u_n >= 0 or = 0, tangent planes of the cones, the friction's power
+    sum mu l |u_t| <= h.y, and those of the states of contacts.
     """
 
     def __init__(self, dynamics: Dynamics, loads: FloatArray, force_limit: float) -> None:
-        """Build the rows that all nodes share.
+        """Add the rows that all nodes share.
 
         Args:
             dynamics: The scaled dynamics.
-            loads: (M,) normal forces that every outcome has at least, scaled.
-            force_limit: What it proves holds for normal forces up to this, scaled.
+            loads: (M,) smallest normal forces l of all outcomes, scaled.
+            force_limit: Proofs hold for normal forces up to this, scaled.
         """
         self.dynamics, self.loads, self.force_limit = dynamics, loads, force_limit
         self.bounds = OutcomeBounds(dynamics, loads, force_limit)
@@ -179,7 +179,7 @@ class Relaxation:
 
     @property
     def programs(self) -> int:
-        """Linear programs solved, of all relaxations that come of one."""
+        """Linear programs solved by this relaxation and all that are derived from the same one."""
         return self._shared_records.count
 
     def _add_shared_rows(self) -> None:
@@ -188,7 +188,7 @@ class Relaxation:
         dynamics = self._blank_rows(n, y=np.eye(n), spread=-own.spread, taken=h)
         dynamics[:, n : self._slip] = -rows.reshape(3 * count, n).T
         self._simplex.add_rows(dynamics, h, h)
-        # Open contacts do not part by what joints do by themselves where load is taken away.
+        # Where load is taken away, so is the motion of joints by themselves that parts contacts.
         moved = rows[:, 0] @ own.aside
         self._moved = np.where(np.abs(moved) > _SAME_MOTION, moved, 0.0)
         normal = self._blank_rows(count, y=rows[:, 0], taken=-self._moved)
@@ -213,7 +213,7 @@ class Relaxation:
         spread: FloatArray | None = None,
         taken: FloatArray | float = 0.0,
     ) -> FloatArray:
-        """Return so many rows with coefficients of y, of theta and of the load taken away."""
+        """Return rows (count, size) with coefficients of y, of theta and of the share s."""
         rows = np.zeros((count, self._size))
         rows[:, : self._y_count], rows[:, -1] = y, taken
         if spread is not None:
@@ -226,22 +226,22 @@ class Relaxation:
         self._simplex.add_rows(rows, np.full(len(rows), -np.inf), np.zeros(len(rows)))
 
     def _add_power(self, y: FloatArray, least: float) -> None:
-        """Add that y's part less the power of friction, sum mu l |u_t|, is no smaller."""
+        """Add the row y.Y - sum mu l |u_t| >= least, Y being the variable."""
         row = self._blank_rows(1, y=y)
         row[0, self._slip : self._spread] = -self._power[self._loaded]
         self._simplex.add_rows(row, np.full(1, least), np.full(1, np.inf))
 
     def solve(self, states: States, goal: tuple[FloatArray, FloatArray]) -> RelaxationPoint | None:
-        """Maximise p.y + q.f over the relaxation, cut by tangents of ball and cones where it helps.
+        """Maximise p.y + q.f over the relaxation, with tangents of ball and cones as cuts.
 
-        A share of the load may be taken away: so there is always an answer.
+        A share of the load may be taken away, so that the program is always feasible.
 
         Args:
             states: Of the contacts.
             goal: p (n,) and q (M, 3).
 
         Returns:
-            The last point and the least bound; None where the solver has no answer.
+            The last point and the smallest bound; None where the solver has no answer.
         """
         self._set_states(states, elastic=True)
         best: RelaxationPoint | None = None
@@ -258,17 +258,17 @@ class Relaxation:
         return best
 
     def larger_loads(self, states: States) -> list[LoadProof]:
-        """Return smallest normal forces of all outcomes in these states, where they are larger.
+        """Return proofs that raise the smallest normal forces of all outcomes in these states.
 
         Args:
             states: Of the contacts.
         """
-        found = list[LoadProof]()
-        asked = ~self.dynamics.is_commanded & ~states.are(ContactState.OPEN)
+        proofs = list[LoadProof]()
+        candidates = ~self.dynamics.is_commanded & ~states.are(ContactState.OPEN)
         worth = _WORTH_MORE * self.loads + _LEAST
         self._set_states(states, elastic=False)
-        for contact in np.flatnonzero(asked).tolist():
-            if not asked[contact]:
+        for contact in np.flatnonzero(candidates).tolist():
+            if not candidates[contact]:
                 continue
             goal = np.zeros(self._y_count), np.zeros((self._contact_count, 3))
             goal[1][contact, 0] = -1.0
@@ -280,16 +280,16 @@ class Relaxation:
                     relaxed = self._read_answer(answer, states, goal, -np.inf)
                     best = relaxed if best is None or relaxed.bound < best.bound else best
                 if not is_cut:
-                    # A point of the relaxation tells of all contacts what they bear at most.
-                    asked &= normal > worth
+                    # No more can be proven of any contact than its force at this point.
+                    candidates &= normal > worth
                     break
             if best is not None and -best.bound > worth[contact]:
                 force = (-best.bound - _ROUNDED) * self.dynamics.force_unit
-                found.append(LoadProof(contact, float(force), best.dual))
-        return found
+                proofs.append(LoadProof(contact, float(force), best.dual))
+        return proofs
 
     def _cut_optima(self, goal: tuple[FloatArray, FloatArray]) -> Iterator[SimplexAnswer]:
-        """Yield optima towards p.y + q.f, as long as there are any; cuts come in between."""
+        """Yield optima of p.y + q.f while there are any; the caller adds cuts in between."""
         cost = np.zeros(self._size)
         cost[: self._y_count], cost[self._y_count : self._slip] = -goal[0], -goal[1].ravel()
         cost[-1] = _PENALTY
@@ -302,18 +302,18 @@ class Relaxation:
             yield answer
 
     def _add_cuts(self, x: FloatArray, states: States, *, elastic: bool) -> bool:
-        """Add tangents before a point outside of ball or cones; return whether there were any."""
+        """Add tangents that cut off a point outside the ball or cones; return whether any were."""
         return self._cut_ball(x, elastic) | self._cut_cones(x, states)
 
     def with_loads(self, proofs: Iterable[LoadProof]) -> Relaxation:
-        """Return the relaxation with larger smallest normal forces."""
+        """Return the relaxation with the smallest normal forces of some proofs."""
         loads = self.loads.copy()
         for proof in proofs:
             loads[proof.contact] = proof.force / self.dynamics.force_unit
         return self._with_dynamics(self.dynamics, loads)
 
     def without_free_joints(self, opened: NDArray[np.bool_]) -> Relaxation:
-        """Return the relaxation of what joints do not do by themselves while contacts are open."""
+        """Return the relaxation of `dynamics.without_free_joints` for a mask of open contacts."""
         key, known = opened.tobytes(), self._shared_records.dynamics
         if key not in known:
             known[key] = without_free_joints(self.dynamics, opened, self.force_limit)
@@ -323,7 +323,7 @@ class Relaxation:
         return self._with_dynamics(dynamics, self.loads)
 
     def proof_threshold(self, states: States) -> float:
-        """Return the power up to which nothing moves, less what contacts do along what is aside."""
+        """Return the power h.y up to which y counts as rest, less that of contacts along aside."""
         still = leak_powers(self.dynamics, self.dynamics.aside)[~states.are(ContactState.OPEN)]
         return self.dynamics.resolution**2 - self.force_limit * float(still.sum())
 
@@ -334,7 +334,7 @@ class Relaxation:
         return relaxation
 
     def _drop_state_rows(self) -> None:
-        """Take away the rows of the last states; the tangents found there hold for all."""
+        """Remove the rows of the last states, and tangents (valid in all states) if too many."""
         self._simplex.drop_rows(self._first, self._first + len(self._row_directions))
         self._row_directions = []
         too_many = self._simplex.row_count - self._shared - _MOST_KEPT
@@ -343,7 +343,7 @@ class Relaxation:
         self._first = self._simplex.row_count
 
     def _set_states(self, states: States, *, elastic: bool) -> None:
-        """Put the rows of some states in the place of those of the last ones.
+        """Replace bounds and rows of the last states by those of the given ones.
 
         Args:
             states: Of the contacts.
@@ -374,7 +374,7 @@ class Relaxation:
         self._add_slip_rows(states)
 
     def _add_slip_rows(self, states: States) -> None:
-        """Add what sticking says, and a slip in an arc of at most pi: edges for slip and force."""
+        """Add the rows of sticking, and those of slips in arcs of at most pi: see `arc_rows`."""
         sticking = np.flatnonzero(states.does_not_slip & ~states.sticks)
         slipping = np.flatnonzero(~states.does_not_slip & (states.half_width < np.pi))
         count, row = 2 * len(sticking) + 5 * len(slipping), 2 * len(sticking)
@@ -391,18 +391,18 @@ class Relaxation:
             rows[row : row + 2, : self._y_count] = edges @ own[contact]
             rows[row + 2 : row + 5, first : first + 3] = faces
             high[row : row + 2], low[row + 2 : row + 5] = np.inf, -np.inf
-            # Rows on forces say nothing of y.
+            # Rows of forces have no coefficients of y.
             self._row_directions += [(contact, along) for along in (*edges, *np.zeros((3, 2)))]
             row += 5
         self._simplex.add_rows(rows, low, high)
 
     def _cut_ball(self, x: FloatArray, toward_rest: bool) -> bool:
-        """Add a tangent of the ball |y|^2 <= h.y before a point outside; return whether it did.
+        """Add a tangent of the ball |y|^2 <= h.y for a point outside; return whether one was added.
 
         Args:
             x: The point.
-            toward_rest: Whether the tangent is at the way to rest, which suits the power h.y best,
-                or at the nearest point of the ball.
+            toward_rest: Whether the tangent is where the line from the point to rest meets the
+                ball, which suits the power h.y best, or at the nearest point of the ball.
         """
         h, y = self.dynamics.load, x[: self._y_count]
         power, square = float(h @ y), float(y @ y)
@@ -417,9 +417,9 @@ class Relaxation:
         return True
 
     def _cut_cones(self, x: FloatArray, states: States) -> bool:
-        """Add the cone's tangent beside each sticking force outside; return whether any was added.
+        """Add a tangent for each sticking force outside its cone; return whether any was added.
 
-        Only where no contact is left to be split: before, splitting tells more.
+        It does so only where no contact is left to be split: before, splitting is more effective.
         """
         if states.undecided.any():
             return False
@@ -437,7 +437,7 @@ class Relaxation:
     ) -> RelaxationPoint:
         """Return the best point, and the first multipliers whose bound is enough, or the best."""
         n, count = self._y_count, self._contact_count
-        # A million loads make something of multipliers that are rounding.
+        # Multipliers at rounding level would count at a force limit of a million loads.
         sizes = np.abs(answer.rows)
         marginals = np.where(sizes > _ROUNDING * sizes.max(), answer.rows, 0.0)
         tangential = np.zeros((count, 2))
@@ -462,7 +462,7 @@ class Relaxation:
     def _multiplier_candidates(
         self, states: States, raw: DualBound, goal: tuple[FloatArray, FloatArray]
     ) -> Iterator[DualBound]:
-        """Yield the solver's multipliers, and what may prove more where rounding spoils them."""
+        """Yield the solver's multipliers, then others that may prove more in spite of rounding."""
         yield raw
         yield repaired_multipliers(self.dynamics, states, raw, goal)
         if goal[0].any():

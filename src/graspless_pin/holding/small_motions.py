@@ -1,14 +1,14 @@
-"""Small motions about a rest: how fast they grow, and which joint feedback ends that.
+"""Small motions about a rest: how fast they grow, and which joint feedback stabilises them.
 
 Contacts that neither slip nor open leave the velocities N z of object and joints, G N = 0. About
 the rest M_z z'' + D_z z' + (K_geo + N_q^T K N_q) z = 0 with M_z = N^T M N, the joints' damping in
 D_z and their feedback K. K_geo, the geometric stiffness, is linear in the contact forces: levers,
-normals and contact points change as the bodies roll. Where friction bears on contacts that roll it
-is not symmetric, and the eigenvalues decide.
+normals and contact points change as the bodies roll. With friction forces at rolling contacts it is
+not symmetric, and the eigenvalues decide.
 
-Torques may leave contact forces open. Then the rest is as stable as it is under the worst of them,
-and where it is stable under others, it may hold or fail. Both are looked for by successive linear
-programs (Frank and Wolfe's method) on the growth rate.
+Torques may leave contact forces open. Stability is then that under the worst admissible forces; if
+rest is stable under others, it may hold or fail. Worst and best forces are searched by successive
+linear programs (Frank and Wolfe's method) on the growth rate.
 """
 
 from __future__ import annotations
@@ -36,17 +36,17 @@ GROWTH_LIMIT = 0.1
 """Motions that grow no faster than this do not count as growing, 1/s."""
 _DOUBLINGS = 60
 _GAIN_ACCURACY = 1e-7
-"""Relative: how near the ends of stable feedback are found."""
+"""Relative accuracy of the ends of stable feedback."""
 _MOST_ROUNDS = 8
 _MOST_STARTS = 6
 _FASTER = 1e-6
-"""Relative: what a round has to add to the growth for another to be worth it."""
+"""Relative increase of the growth that a round has to make for another one to follow."""
 _PROVEN = 0.5
-"""Of one: what has to be left of Lyapunov's equation after rounding."""
+"""Smallest eigenvalue of the right-hand side of Lyapunov's equation after rounding; exactly 1."""
 _LEAST_STIFFNESS = 1e-12
-"""N m: smaller entries are not scaled up."""
+"""N m: least scale of an entry of the stiffness."""
 _INFLUENCE = 1e-9
-"""Of the largest entry: forces that change the stiffness by less leave it alone."""
+"""Relative to the largest entry: smaller changes of the stiffness by forces count as none."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +56,7 @@ class LinearizedMotion:
     Attributes:
         inertia: (d, d) N^T M N.
         force_stiffness: (M, 3, d, d) of unit contact forces along the world's axes.
-        constant_stiffness: (d, d) the rest of K_geo: of the links' weights.
+        constant_stiffness: (d, d) the part of K_geo from the links' weights.
         joint_rates: (c, d) N_q: of the joints that carry touching links.
         velocities: (P + L, d) N.
         gains: (c,) K of the controller, N m/rad (N/m).
@@ -85,34 +85,34 @@ class LinearizedMotion:
         return self.feedback(self.damping)
 
     def inequality(self, forces: FloatArray, rate: float, share: float) -> MatrixInequality:
-        """Return what keeps motions from growing faster than a rate, of the symmetric parts alone.
+        """Return the matrix inequality on forces that keeps growth below a rate.
 
-        K_geo + N_q^T K N_q + r D_z + r^2 M_z >= 0 is enough where K_geo is symmetric, and a guess
-        elsewhere.
+        K_geo + N_q^T K N_q + r D_z + r^2 M_z >= 0, of symmetric parts: sufficient if K_geo is
+        symmetric, otherwise a guess.
 
         Args:
-            forces: (M, 3) that come on top of the unknown contact forces, N, world axes.
+            forces: (M, 3) added to the unknown contact forces, N, world axes.
             rate: r, 1/s.
-            share: Of the controller's gains.
+            share: Of the controller's gains that counts.
 
         Returns:
-            Of the 3 M forces, N, world axes, in coordinates in which entries are of order one.
+            The inequality of the 3 M forces, N, world axes, scaled to entries of order one.
         """
         constant = self.stiffness(forces) + share * self.feedback(self.gains)
         constant += rate * self.drag + rate**2 * self.inertia
-        each = self.force_stiffness.reshape(-1, *constant.shape)
-        largest = np.abs(each).max(axis=0, initial=0.0).diagonal()
+        by_force = self.force_stiffness.reshape(-1, *constant.shape)
+        largest = np.abs(by_force).max(axis=0, initial=0.0).diagonal()
         unit = 1.0 / np.sqrt(np.maximum(np.abs(constant.diagonal()) + largest, _LEAST_STIFFNESS))
-        scaled = (np.outer(unit, unit) * one for one in (constant, each))
-        return MatrixInequality(*(0.5 * (one + one.swapaxes(-1, -2)) for one in scaled))
+        scaled = (np.outer(unit, unit) * matrix for matrix in (constant, by_force))
+        return MatrixInequality(*(0.5 * (part + part.swapaxes(-1, -2)) for part in scaled))
 
     def system(self, stiffness: FloatArray, pattern: FloatArray, factors: FloatArray) -> FloatArray:
-        """Return A of (z, z')' = A (z, z') under multiples of a pattern of feedback.
+        """Return A of (z, z')' = A (z, z') under multiples of some gains.
 
         Args:
-            stiffness: (d, d) K_geo, with that of a feedback where there is one.
-            pattern: (c,) gains.
-            factors: (K,) on them.
+            stiffness: (d, d) K_geo, plus that of feedback that is not scaled.
+            pattern: (c,) gains that are scaled.
+            factors: (K,) multiples of them.
 
         Returns:
             (K, 2 d, 2 d).
@@ -120,18 +120,18 @@ class LinearizedMotion:
         count = len(self.inertia)
         parts = [stiffness, self.drag, self.feedback(pattern)]
         rolled = -np.linalg.solve(self.inertia, np.hstack(parts))
-        found = np.zeros((len(factors), 2 * count, 2 * count))
-        found[:, :count, count:] = np.eye(count)
-        found[:, count:] = rolled[:, : 2 * count]
-        found[:, count:, :count] += factors[:, None, None] * rolled[:, 2 * count :]
-        return found
+        A = np.zeros((len(factors), 2 * count, 2 * count))
+        A[:, :count, count:] = np.eye(count)
+        A[:, count:] = rolled[:, : 2 * count]
+        A[:, count:, :count] += factors[:, None, None] * rolled[:, 2 * count :]
+        return A
 
     def feedback(self, gains: FloatArray) -> FloatArray:
         """Return N_q^T K N_q (d, d) of the joints' gains (c,)."""
         return self.joint_rates.T @ (gains[:, None] * self.joint_rates)
 
     def fastest(self, stiffness: FloatArray) -> tuple[float, FloatArray]:
-        """Return the fastest growth, 1/s, zero up to `GROWTH_LIMIT`, and its motion (P + L,).
+        """Return the largest growth rate, 1/s, zero up to `GROWTH_LIMIT`, and its motion (P + L,).
 
         Args:
             stiffness: (d, d) K_geo.
@@ -140,7 +140,7 @@ class LinearizedMotion:
         return (rate if rate > GROWTH_LIMIT else 0.0), self.velocities @ shape
 
     def neutral(self, stiffness: FloatArray) -> FloatArray:
-        """Return (P + L, k) motions that nothing drives, back or on, under K_geo (d, d)."""
+        """Return (P + L, k) motions without stiffness under the controller, for K_geo (d, d)."""
         if not len(stiffness):
             return np.zeros((len(self.velocities), 0))
         unit = np.sqrt(np.diag(self.inertia))
@@ -149,7 +149,7 @@ class LinearizedMotion:
         return self.velocities @ (turns[still].T / unit[:, None])
 
     def fastest_mode(self, stiffness: FloatArray) -> tuple[float, FloatArray, FloatArray]:
-        """Return the largest growth, its motion (d,), and its gradient (d, d) by K_geo (d, d)."""
+        """Return the largest growth rate, 1/s, its motion (d,) and its gradient (d, d) by K_geo."""
         count = len(self.inertia)
         if count == 0:
             return 0.0, np.zeros(0), np.zeros((0, 0))
@@ -166,14 +166,14 @@ class LinearizedMotion:
         return float(np.real(values[most])), np.real(v[:count]), gradient
 
     def stable_feedback(self, stiffness: FloatArray, pattern: FloatArray) -> Intervals:
-        """Return the factors on gains with which nothing grows, intervals, ascending.
+        """Return the intervals of factors on gains with which no motion grows, ascending.
 
-        They are looked at in steps of two, up to 1e8 times what the stiffness makes of them; the
-        last interval ends at infinity where nothing grows there.
+        Factors are tried in steps of two, up to 1e8 times the ratio of stiffness to feedback; the
+        last interval ends at infinity if no motion grows at the largest one.
 
         Args:
             stiffness: (d, d) K_geo.
-            pattern: (c,) gains, in the place of the controller's.
+            pattern: (c,) gains that replace the controller's.
         """
         count = len(self.inertia)
         still, step = self.system(stiffness, pattern, np.array([0.0, 1.0]))
@@ -194,7 +194,7 @@ class LinearizedMotion:
         for index in np.flatnonzero(grows[1:] != grows[:-1]).tolist():
             low, high = factors[index : index + 2].tolist()
             root = _sign_change(lambda k: float(growth(np.array([k]))[0]), low, high)
-            # On the side where nothing grows.
+            # Just on the stable side.
             side = 1.0 if grows[index] else -1.0
             ends.append(min(max(root * (1.0 + 2.0 * side * _GAIN_ACCURACY), low), high))
         ends.append(np.inf)
@@ -207,21 +207,21 @@ def _sign_change(function: Callable[[float], float], low: float, high: float) ->
     first, last = function(low), function(high)
     if first * last >= 0.0:  # by rounding: a root is at an end
         return low if abs(first) < abs(last) else high
-    found: Any = brentq(function, low, high, rtol=np.float64(_GAIN_ACCURACY))
-    return float(found)
+    root: Any = brentq(function, low, high, rtol=np.float64(_GAIN_ACCURACY))
+    return float(root)
 
 
 def scaled_system(
     inertia: FloatArray, stiffness: FloatArray, damping: FloatArray, rate: float
 ) -> tuple[FloatArray, float]:
-    """Return A of small motions where inertia is one, and the frequency that time counts in.
+    """Return A of small motions, scaled to unit inertia, and the frequency w that time counts in.
 
     With M_z = L L^T, y = L^T z and w^2 the largest entry of L^-1 K L^-T, the state is (w y, y') and
     A = [[0, 1], [-L^-1 K L^-T / w^2, -L^-1 D L^-T / w]] in units of w.
 
     Args:
         inertia: (d, d) M_z.
-        stiffness: (d, d) K, with that of a feedback.
+        stiffness: (d, d) K, including that of feedback.
         damping: (d, d) D_z.
         rate: The least w, 1/s.
     """
@@ -240,13 +240,13 @@ def scaled_system(
 def lyapunov_matrix(
     inertia: FloatArray, stiffness: FloatArray, damping: FloatArray, rate: float
 ) -> FloatArray | None:
-    """Return P > 0 with A^T P + P A = 2 r P - 1, which proves that nothing grows faster than r.
+    """Return P > 0 with A^T P + P A = 2 r P - 1, which proves that no motion grows faster than r.
 
-    Lyapunov's equation for A - r, see `scaled_system`; None where something does grow as fast.
+    It solves Lyapunov's equation for A - r, see `scaled_system`; None if a motion grows as fast.
 
     Args:
         inertia: (d, d) M_z.
-        stiffness: (d, d) K, with that of a feedback.
+        stiffness: (d, d) K, including that of feedback.
         damping: (d, d) D_z.
         rate: r, 1/s.
     """
@@ -256,11 +256,11 @@ def lyapunov_matrix(
     shifted = system - rate / w * np.eye(len(system))
     if np.linalg.eigvals(shifted).real.max() >= 0.0:
         return None
-    found = np.asarray(solve_continuous_lyapunov(shifted.T, -np.eye(len(shifted))))
-    found = 0.5 * (found + found.T)
-    decay = -(shifted.T @ found + found @ shifted)
-    good = min(np.linalg.eigvalsh(found)[0], np.linalg.eigvalsh(decay)[0] - _PROVEN) > 0.0
-    return found if good else None
+    P = np.asarray(solve_continuous_lyapunov(shifted.T, -np.eye(len(shifted))))
+    P = 0.5 * (P + P.T)
+    decay = -(shifted.T @ P + P @ shifted)
+    is_proof = min(np.linalg.eigvalsh(P)[0], np.linalg.eigvalsh(decay)[0] - _PROVEN) > 0.0
+    return P if is_proof else None
 
 
 def extreme_forces(
@@ -271,17 +271,17 @@ def extreme_forces(
     *,
     worst: bool,
 ) -> FloatArray:
-    """Return admissible contact forces under which small motions grow fastest, or least, as found.
+    """Search the admissible contact forces under which small motions grow fastest, or least.
 
     Args:
         motion: The small motions.
         problem: Contacts and loads, at rest.
         torques: (L,) N m (N).
-        forces: (M, 3) those of one rest, world axes, N, to begin with.
-        worst: Whether motions shall grow fastest.
+        forces: (M, 3) forces of rest to start from, world axes, N.
+        worst: Whether growth is maximised; else it is minimised.
 
     Returns:
-        (M, 3) world axes, N: those to begin with where torques leave nothing open that counts.
+        (M, 3) world axes, N; the start if the torques leave no forces open that change stiffness.
     """
     jacobian, load = in_loads(problem, torques)
     _, values, turns = np.linalg.svd(jacobian.reshape(3 * len(forces), -1).T)
@@ -296,17 +296,17 @@ def extreme_forces(
     most = np.minimum(problem.max_normal_force / unit, MOST_FORCE)
 
     def growth(forces: FloatArray) -> tuple[float, FloatArray]:
-        """Return the growth, to be made large, and its gradient by the stiffness."""
+        """Return the growth rate, signed to be maximised, and its gradient by the stiffness."""
         rate, _, gradient = motion.fastest_mode(motion.stiffness(forces))
         return sign * rate, sign * gradient
 
     def forces_along(gradient: FloatArray) -> tuple[float, FloatArray, FloatArray]:
-        """Return growth, forces and gradient where forces go farthest along a gradient."""
+        """Return growth, forces and its gradient at the forces farthest along a gradient."""
         cost = -np.einsum("ab,miab->mi", gradient, in_frames)
-        found = farthest_forces(jacobian, load, free_friction(problem), cost, most)
-        if found is None:
+        farthest = farthest_forces(jacobian, load, free_friction(problem), cost, most)
+        if farthest is None:
             return -np.inf, forces, gradient
-        new_forces = world_forces(problem, found * unit)
+        new_forces = world_forces(problem, farthest * unit)
         rate, next_gradient = growth(new_forces)
         return rate, new_forces, next_gradient
 
@@ -330,12 +330,12 @@ def extreme_forces(
 
 
 def _largest_changes(influence: FloatArray) -> FloatArray:
-    """Return the changes of the stiffness (k, d, d) that are largest, a few."""
+    """Return the largest of the changes of the stiffness (k, d, d), at most `_MOST_STARTS`."""
     return influence[np.argsort(-np.abs(influence).max(axis=(1, 2)))[:_MOST_STARTS]]
 
 
 def _softest_direction(motion: LinearizedMotion, stiffness: FloatArray) -> FloatArray:
-    """Return z z^T (d, d) of the motion with the smallest eigenvalue of a stiffness."""
+    """Return z z^T (d, d) of the motion z with the smallest eigenvalue of a stiffness."""
     symmetric = 0.5 * (stiffness + stiffness.T)
     _, vectors = eigh(symmetric, motion.inertia, subset_by_index=[0, 0])
     return np.outer(vectors[:, 0], vectors[:, 0])
@@ -343,12 +343,12 @@ def _softest_direction(motion: LinearizedMotion, stiffness: FloatArray) -> Float
 
 @dataclass(frozen=True, eq=False)
 class RestModel:
-    """What is known of rest beside a problem, for torques that are to be guaranteed.
+    """What a search for guaranteed torques needs to know of rest, beside the problem.
 
     Attributes:
-        unknown: Why no verdict on torques can be had; empty: one can.
-        motions: Returns the small motions that must not grow, by model of the surfaces.
-        verdict: `stability`, with what small motions do.
+        unknown: Why there is no verdict on torques; empty: there is one.
+        motions: Returns the small motions that must not grow, one for each model of the surfaces.
+        verdict: `stability`, with small motions.
         lasts: Whether rest has to last under the controller; else the first instant alone counts.
     """
 
@@ -358,5 +358,5 @@ class RestModel:
     lasts: bool = False
 
     def is_kept(self, verdict: StabilityVerdict) -> bool:
-        """Return whether rest is as is asked for."""
+        """Return whether rest is the only outcome, and if required, lasts."""
         return verdict.keeps_rest(lasting=self.lasts)

@@ -1,6 +1,6 @@
 """Does the object stay at rest with these torques? Certificate, search and proof.
 
-What an object does in an outcome, in words.
+Motions of outcomes are described in words, too.
 """
 
 from __future__ import annotations
@@ -78,23 +78,23 @@ from graspless_pin.problem.quasistatic import checked_problem
 from graspless_pin.tree_search import Limits
 
 _SAME_WAY = float(np.cos(np.radians(20.0)))
-"""Directions that differ by less are called the same."""
+"""Cosine of the angle up to which directions are called the same."""
 _SIDEWAYS = float(np.sin(np.radians(20.0)))
 _NAMED_MOTION = 0.2
-"""Of the largest acceleration: a part of the motion that is smaller is not named."""
+"""Share of the largest acceleration below which a part of the motion is not named."""
 _MOVING = {ContactState.OPEN: "open", ContactState.SLIPPING: "slip"}
 _STATES = _MOVING | {ContactState.CLOSED: "stay closed", ContactState.STICKING: "stick"}
 
 
 def motion_words(problem: QuasistaticProblem, motion: DynamicOutcome) -> str:
-    """Return what the object does, how fast, and which contacts open or slip.
+    """Return the object's motion in words, its acceleration, and which contacts open or slip.
 
-    Down is where the load's force pulls; other directions are in world axes. Of other passive
-    coordinates than one free object's no direction is told.
+    Down is where the load's force pulls; other directions are in world axes. For other passive
+    coordinates than those of one free object no direction is told.
 
     Args:
-        problem: What the motion is an outcome of.
-        motion: The motion.
+        problem: The problem.
+        motion: An outcome of it.
 
     Returns:
         Words that follow "the object can", such as "slip down, 3.1 m/s^2 (contacts 4, 5 open)".
@@ -119,7 +119,7 @@ def motion_words(problem: QuasistaticProblem, motion: DynamicOutcome) -> str:
 def _translation_words(
     direction: FloatArray, load: FloatArray, states: tuple[ContactState, ...]
 ) -> str:
-    """Return a verb and where to."""
+    """Return a verb and a direction, such as "move sideways along +x"."""
     down = float(direction @ load)
     if down > _SAME_WAY and set(states) == {ContactState.OPEN}:
         return "fall"
@@ -131,7 +131,7 @@ def _translation_words(
 
 
 def _direction_words(direction: FloatArray) -> str:
-    """Return a direction: a world axis, or its components."""
+    """Return a direction in words: a world axis, or its components."""
     largest = int(np.argmax(np.abs(direction)))
     if abs(direction[largest]) > _SAME_WAY:
         return f"{'+' if direction[largest] > 0.0 else '-'}{'xyz'[largest]}"
@@ -139,7 +139,7 @@ def _direction_words(direction: FloatArray) -> str:
 
 
 def state_words(states: Sequence[ContactState], words: Mapping[ContactState, str] = _STATES) -> str:
-    """Return which contacts are in which states."""
+    """Return in words which contacts are in which states."""
     parts = []
     for state, word in words.items():
         which = [str(index) for index, own in enumerate(states) if own is state]
@@ -159,7 +159,7 @@ def _unit_vector(vector: FloatArray) -> FloatArray:
 
 
 _MORE = 10
-"""Times as many sets of outcomes are worth asking for where a limit ended a search."""
+"""Factor on the node limit that is suggested where it ended a search."""
 
 
 def stability(
@@ -170,19 +170,20 @@ def stability(
     node_limit: int = NODE_LIMIT,
     time_limit: float | None = None,
 ) -> StabilityVerdict:
-    """Tell whether rest is what happens with these torques, and prove it.
+    """Decide whether rest is the only outcome with these torques, and prove it.
 
-    Where contacts slide by a declared motion, tell whether that motion is kept: accelerations then
-    are those beside the motion's own, which are neglected.
+    Where contacts slide by a declared motion, decide whether that motion is kept: accelerations are
+    then deviations from those of the motion, which are neglected.
 
     Args:
         problem: Contacts, load and joints, with `object_inertia` and `joint_inertia`; without them
-            only what holds for every inertia is used.
+            only proofs that hold for every inertia are used.
         torques: (L,) the motors' torques, as solutions give them, or by joint, N m (N).
         acceleration_resolution: Points of the object that accelerate by less than this share of
             load over mass count as at rest; 1e-6 to 0.01.
-        node_limit: Sets of outcomes that are looked at; earlier proofs close others.
-        time_limit: Seconds; None: any time. With it a slower machine may say less.
+        node_limit: Most sets of outcomes that are searched, not counting those that multipliers
+            found before prove.
+        time_limit: Seconds; None: any time. With it a slower machine may decide less.
 
     Raises:
         ArgumentError: If an argument is wrong.
@@ -199,17 +200,17 @@ def stability(
 
 
 def counterexamples(verdict: StabilityVerdict, most: int) -> list[DynamicOutcome]:
-    """Return the motion of a verdict, and others that the search for motions finds beside it.
+    """Return the motion of a verdict, and further moving outcomes that a search finds.
 
     Args:
-        verdict: With a motion, or without one: then there are none.
-        most: How many others.
+        verdict: The verdict; the result is empty if it has no motion.
+        most: Largest number of further outcomes.
     """
     dynamics = None if verdict.motion is None else _scaled_dynamics(verdict)[0]
     if verdict.motion is None or dynamics is None:
         return []
     others = islice(search_motions(dynamics), most)
-    return [verdict.motion] + [outcome_record(verdict.problem, dynamics, one) for one in others]
+    return [verdict.motion] + [outcome_record(verdict.problem, dynamics, f) for f in others]
 
 
 def undecided_verdict(
@@ -221,7 +222,7 @@ def undecided_verdict(
     node_limit: int = NODE_LIMIT,
     time_limit: float | None = None,
 ) -> StabilityVerdict:
-    """Return a verdict that decides nothing, for one sentence why. Arguments as of `stability`.
+    """Return an undecided verdict with a sentence why. Other arguments as of `stability`.
 
     Raises:
         ArgumentError: If an argument is wrong.
@@ -237,7 +238,7 @@ def _blank_verdict(
     node_limit: int,
     time_limit: float | None,
 ) -> tuple[StabilityVerdict, Limits]:
-    """Return the verdict of which nothing is decided yet, and the limits; all checked."""
+    """Check the arguments of `stability`; return an undecided verdict and the search's limits."""
     checked_problem(problem)
     tau = motor_torques(problem.joint_names, torques)
     resolution = real_number("acceleration_resolution", acceleration_resolution, FINEST_RESOLUTION)
@@ -262,7 +263,7 @@ def _blank_verdict(
 
 
 def _decided_verdict(blank: StabilityVerdict, limits: Limits) -> StabilityVerdict:
-    """Ask the cheapest question first."""
+    """Decide a verdict: by a certificate, by the balance of forces, then by search."""
     problem, torques = blank.problem, blank.torques
     if why := problem.cone_model.no_verdict:
         return replace(blank, message=why)
@@ -272,7 +273,7 @@ def _decided_verdict(blank: StabilityVerdict, limits: Limits) -> StabilityVerdic
         why = "undecided: the inertias differ by more than double precision resolves"
         return replace(blank, message=why)
     commanded = commanded_forces(problem, torques)
-    # Where friction rubs its power has no sign: no certificate is one.
+    # The power of kinetic friction has no sign: then certificates are not valid.
     known, proof = (blank, None) if slides_with_friction(problem).any() else (
         _try_certificate(blank, (), commanded, dynamics)
     )  # fmt: skip
@@ -296,7 +297,7 @@ def _decided_verdict(blank: StabilityVerdict, limits: Limits) -> StabilityVerdic
 
 
 def _rest_words(problem: QuasistaticProblem) -> str:
-    """Return in words that what is asked for is an outcome."""
+    """Return in words that rest, or the declared motion, is an outcome."""
     return f"the object can {'keep its motion' if problem.is_sliding.any() else 'stay'}"
 
 
@@ -307,8 +308,8 @@ def _strong_verdict(known: StabilityVerdict, proof: RestProof) -> StabilityVerdi
         if forces is None:
             return np.zeros((problem.contact_count, 3))
         local = np.einsum("lij,li->lj", problem.frames, forces) / problem.scales.force
-        found = bearing_forces(problem, torques, local)
-        return world_forces(problem, found * problem.scales.force)
+        bearing = bearing_forces(problem, torques, local)
+        return world_forces(problem, bearing * problem.scales.force)
 
     small = small_motions_without_scene(problem, supporting_forces)
     known = replace(known, status=Stability.STRONG, proof=proof, small_motions=small)
@@ -316,7 +317,7 @@ def _strong_verdict(known: StabilityVerdict, proof: RestProof) -> StabilityVerdi
 
 
 def _scaled_dynamics(blank: StabilityVerdict) -> tuple[Dynamics | None, bool]:
-    """Return the scaled dynamics, if inertias are known, and whether there is no load at all."""
+    """Return the scaled dynamics, or None, and whether it is None because there is no load."""
     problem = blank.problem
     inertia = whole_inertia(problem)
     if inertia is None:
@@ -333,18 +334,18 @@ def _try_certificate(
     commanded: FloatArray,
     dynamics: Dynamics | None,
 ) -> tuple[StabilityVerdict, RestProof | None]:
-    """Return what is known after one linear program more, and the proof, where it is one.
+    """Try a certificate by one linear program; return the updated verdict, and the proof or None.
 
-    Forces that only nearly balance the load may prove that nothing moves fast, and those that lean
-    on proven loads may leave their cones: neither are forces of rest.
+    A certificate's forces may balance the load only nearly, and with proven loads they may be
+    outside their cones: then they are no forces of rest.
     """
     normal_forces = with_proven_loads(commanded, loads)
-    found, proof = balance_and_certificate(
+    rest, proof = balance_and_certificate(
         known.problem, known.torques, normal_forces, loads, dynamics
     )
-    if found is not None:
-        known = replace(known, programs=known.programs + found.programs)
-        if proof is not None and not loads and found.is_rest:
+    if rest is not None:
+        known = replace(known, programs=known.programs + rest.programs)
+        if proof is not None and not loads and rest.is_rest:
             known = replace(known, rest_forces=proof.forces)
     return known, proof
 
@@ -352,9 +353,9 @@ def _try_certificate(
 def _searched_verdict(
     known: StabilityVerdict, dynamics: Dynamics, commanded: FloatArray, limits: Limits
 ) -> StabilityVerdict:
-    """Find the loads of the fingers, look for a motion, then go through all outcomes.
+    """Prove smallest normal forces, search for a motion, then branch over all outcomes.
 
-    Under a declared motion that rubs: look for what else happens, then prove that nothing does.
+    Under a declared motion with friction: search for another motion, then branch over the rest.
     """
     most, unit = force_limit(known.problem, dynamics), dynamics.force_unit
     sliding_friction, loads = bool(slides_with_friction(known.problem).any()), ()
@@ -388,14 +389,14 @@ def _searched_verdict(
 
 
 def _leaving_joints(known: StabilityVerdict, dynamics: Dynamics, most: float) -> tuple[str, ...]:
-    """Return the joints that may leave the object by themselves while the others keep it at rest.
+    """Return names of joints that may leave the object by themselves while the others keep it.
 
-    Proofs by branching leave aside what joints do by themselves. Rest is an outcome for these, too,
-    as friction keeps them; that they go is another if it opens their contacts, or slides them, and
-    all else is balanced without them.
+    Proofs by branching do not bound the motion of joints by themselves. Rest is an outcome for
+    these joints, as friction keeps them. That they leave is another one if it opens their contacts,
+    or slides along them, and all other forces balance without them.
 
     Args:
-        known: A verdict of which rest is proven of the object.
+        known: A verdict with a proof that the object stays at rest.
         dynamics: The scaled dynamics.
         most: The largest normal force, scaled.
     """
@@ -416,12 +417,12 @@ def _leaving_joints(known: StabilityVerdict, dynamics: Dynamics, most: float) ->
 def _partial_rest_forces(
     known: StabilityVerdict, joints: NDArray[np.bool_], opened: NDArray[np.bool_] | None = None
 ) -> FloatArray | None:
-    """Return forces of rest of the object and some joints, the others left alone.
+    """Return forces that balance the object and some joints, whatever the other joints do.
 
     Args:
-        known: Of what problem and torques.
-        joints: (L,) which joints.
-        opened: (M,) contacts that bear nothing; None: all may.
+        known: A verdict, for its problem and torques.
+        joints: (L,) mask of the joints that are balanced.
+        opened: (M,) contacts without force; None: all may bear.
 
     Returns:
         (M, 3) in contact frames, in loads; None where there are none.
@@ -432,8 +433,8 @@ def _partial_rest_forces(
     if opened is not None:
         jacobian = np.where(opened[:, None, None], 0.0, jacobian)
     friction = free_friction(problem)
-    found = least_residual(jacobian[:, :, kept], load[kept], friction, BALANCE_TOLERANCE)
-    return None if found is None or not found.is_rest else found.forces
+    rest = least_residual(jacobian[:, :, kept], load[kept], friction, BALANCE_TOLERANCE)
+    return None if rest is None or not rest.is_rest else rest.forces
 
 
 def _unproven_verdict(known: StabilityVerdict, limits: Limits, open_sets: str) -> StabilityVerdict:
@@ -455,7 +456,7 @@ def _no_rest_verdict(
     known: StabilityVerdict, proof: FloatArray, dynamics: Dynamics | None, limits: Limits
 ) -> StabilityVerdict:
     problem, torques = known.problem, known.torques
-    # A proof that is no number proves nothing.
+    # Written so that NaN is no proof.
     if not residual_lower_bound(problem, torques, proof) > BALANCE_TOLERANCE:
         return replace(known, message="undecided: no forces of rest found, and no proof of it")
     forces = None if dynamics is None else find_motion(dynamics)
@@ -482,15 +483,15 @@ def _no_rest_verdict(
 
 
 def _joint_motion_forces(known: StabilityVerdict, dynamics: Dynamics) -> FloatArray | None:
-    """Return scaled forces of an outcome in which joints alone move; None where none was found."""
+    """Return scaled forces of an outcome in which only joints move; None: none was found."""
     problem = known.problem
     anything = replace(dynamics, limit=-inf)
     acting: NDArray[np.bool_] = np.any(problem.jacobian, axis=0)
     if not acting.all():
-        # Where joints that act on no contact are left alone, the rest may balance.
-        found = _partial_rest_forces(known, acting)
-        if found is not None:
-            forces = found * problem.scales.force / dynamics.force_unit
+        # Without joints that act on no contact, object and other joints may balance.
+        partial = _partial_rest_forces(known, acting)
+        if partial is not None:
+            forces = partial * problem.scales.force / dynamics.force_unit
             start = forces if is_outcome(anything, forces) else polish(anything, forces)
             if start is not None:
                 return start

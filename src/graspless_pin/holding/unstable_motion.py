@@ -1,4 +1,4 @@
-"""Search for moving outcomes: contact by contact from several forces, then a polish of the mode."""
+"""Search for moving outcomes: Gauss-Seidel sweeps from several forces, then Newton's method."""
 
 from __future__ import annotations
 
@@ -17,33 +17,33 @@ from graspless_pin.problem.checks import FloatArray, read_only
 _STARTS = 12
 _SWEEPS = 400
 _LOOK = 25
-"""Sweeps after which it looks whether all go to rest."""
+"""Sweeps between checks whether all starts go to rest."""
 _SLOW = 0.1
-"""Of the accelerations that count as motion: what is slower goes to rest."""
+"""Share of the acceleration limit below which a start is taken to go to rest."""
 _POLISH_STEPS = 20
 _EXACT = 1e-13
 _DIVERGING = 1e3
 _SETTLED = 1e-10
-"""Forces that change by less have come to their end."""
+"""Forces that change by less have converged."""
 _LONG_SWEEPS = 4000
 _LONG_SETTLED = 1e-14
-"""Of the search from one point, whose end is an outcome as it is: where a contact sticks with
-friction at its limit, a polish of least norm leaves the cone by its last step."""
+"""Convergence of the search from one point, whose result is not polished: where a contact sticks
+with friction at its limit, the last Newton step of least norm may leave the cone."""
 _DIVERGED = 1e6
-"""Forces that change by so much jam: more sweeps tell nothing."""
+"""Forces that change by more diverge, as where contacts jam: the sweeps end."""
 _TOLERANCE = 1e-9
-"""Of the load: how far an outcome may miss the laws of contact, however large its forces are."""
+"""Scaled: violation of the laws of contact that an outcome may have, however large its forces."""
 _STILL = 1e-12
 _NEGLIGIBLE = 1e-6
-"""Contacts of an outcome that bear less of the load are open; of its slips, smaller ones stick."""
+"""Relative: contacts of an outcome with smaller forces are open, those with smaller slips stick."""
 _CREEPING = 1e-3
-"""Of the accelerations that count as motion: contacts that slip slower stick."""
+"""Share of the acceleration limit below which a slipping contact is called sticking."""
 _SURFACE = 0.999
-"""Share of mu f_n from which friction may be that of a slip."""
+"""Share of mu f_n from which a contact may be slipping."""
 
 
 def is_outcome(dynamics: Dynamics, forces: FloatArray) -> bool:
-    """Return whether scaled forces and the motion that they make are a moving outcome."""
+    """Return whether scaled forces (M, 3) and the motion that they cause are a moving outcome."""
     y = dynamics.motion(forces)
     if dynamics.point_acceleration(y) <= dynamics.limit:
         return False
@@ -55,7 +55,7 @@ def is_outcome(dynamics: Dynamics, forces: FloatArray) -> bool:
     side = np.hypot(forces[:, 1], forces[:, 2])
     if (normal < 0.0).any() or (side > mu * normal * (1.0 + 1e-9) + _STILL).any():
         return False
-    # What parts bears nothing; friction of what slips is against that.
+    # Contacts that part have no force; friction of those that slip is opposite to the slip.
     directions = u[:, 1:] / np.maximum(slips, _STILL)[:, None]
     against = np.linalg.norm(forces[:, 1:] + (mu * normal)[:, None] * directions, axis=1)
     gaps = np.maximum(np.minimum(normal, parting), np.minimum(against, slips))
@@ -63,21 +63,21 @@ def is_outcome(dynamics: Dynamics, forces: FloatArray) -> bool:
 
 
 def coulomb_gaps(dynamics: Dynamics, forces: FloatArray, slips: FloatArray) -> FloatArray:
-    """Return by how much each contact's force and slip miss Coulomb's law, as power; (M,)."""
+    """Return (M,) the violation of Coulomb's law by each contact's force and slip, as power."""
     gaps = (forces[:, 1:] * slips[:, 1:]).sum(axis=1)
     gaps += dynamics.friction * dynamics.normal_forces(forces) * np.hypot(slips[:, 1], slips[:, 2])
     return np.abs(gaps) + np.where(dynamics.is_commanded, 0.0, np.abs(forces[:, 0] * slips[:, 0]))
 
 
 def find_motion(dynamics: Dynamics) -> FloatArray | None:
-    """Return scaled forces of a moving outcome, None where the search found none."""
+    """Return scaled forces (M, 3) of a moving outcome; None: the search found none."""
     return next(search_motions(dynamics), None)
 
 
 def search_motions(dynamics: Dynamics) -> Iterator[FloatArray]:
-    """Yield scaled forces of moving outcomes, each in other contact states.
+    """Yield scaled forces (M, 3) of moving outcomes, each with other contact states.
 
-    The first start is without forces: what happens where contacts close without preload.
+    The first start is without forces: contacts that close without preload.
     """
     rng = np.random.default_rng(0)
     count = dynamics.contact_count
@@ -97,7 +97,7 @@ def search_motions(dynamics: Dynamics) -> Iterator[FloatArray]:
 
 
 def settled_motion(dynamics: Dynamics, forces: FloatArray) -> FloatArray | None:
-    """Return the moving outcome that sweeps from scaled (M, 3) forces end in, None if in none."""
+    """Return the moving outcome to which sweeps from scaled forces (M, 3) converge, or None."""
     settled = _swept_forces(dynamics, forces[None], _LONG_SWEEPS, _LONG_SETTLED)[0]
     return settled if is_outcome(dynamics, settled) else None
 
@@ -105,23 +105,24 @@ def settled_motion(dynamics: Dynamics, forces: FloatArray) -> FloatArray | None:
 def _swept_forces(
     dynamics: Dynamics, starts: FloatArray, sweeps: int = _SWEEPS, settled: float = _SETTLED
 ) -> FloatArray:
-    """Projected Gauss-Seidel with De Saxce's shift, all starts side by side: (K, M, 3).
+    """Return (K, M, 3) forces after projected Gauss-Seidel sweeps with De Saxce's shift.
 
-    It ends after so many sweeps, or where none changes a force by more than `settled`.
+    All starts are swept side by side, until no force changes by more than `settled`, or for
+    `sweeps` sweeps.
     """
     rows, pushes, mu = dynamics.rows, dynamics.pushes, dynamics.friction
     blocks = np.einsum("lin,ljn->lij", rows, pushes)
     steps = 1.0 / np.maximum(np.linalg.norm(blocks, ord=2, axis=(1, 2)), 1e-12)
     rows, pushes = steps[:, None, None] * rows, pushes.transpose(0, 2, 1).copy()
     is_commanded, commanded = dynamics.is_commanded, dynamics.commanded
-    # Starts last: (M, 3, K), and what they move (n, K).
+    # The starts are the last axis: forces (M, 3, K) and their motions (n, K).
     forces = starts.transpose(1, 2, 0).copy()
     forces[is_commanded, 0] = commanded[is_commanded, None]
     changes = np.zeros_like(forces)
     y = np.einsum("lni,lik->nk", pushes, forces) + dynamics.load[:, None]
     still = _SLOW * dynamics.limit
-    # A verdict on what moves takes up to three times as long by the sweeps in numpy, which stay for
-    # where nothing is compiled, and to test the loops with.
+    # Verdicts with a motion take up to three times as long with the sweeps in numpy, which stay for
+    # installations without compiled loops, and to test the loops with.
     if core is not None:
         core.swept(
             rows, pushes.transpose(0, 2, 1), mu, commanded, dynamics.points, forces, y, sweeps,
@@ -154,14 +155,14 @@ def _swept_forces(
 def polish(
     dynamics: Dynamics, forces: FloatArray, tried: set[bytes] | None = None
 ) -> FloatArray | None:
-    """Return the outcome in the contact states that forces suggest, None where there is none.
+    """Return forces of the outcome in the contact states that some forces suggest, or None.
 
-    Gauss-Newton steps of least norm on: closed contacts do not accelerate apart, sticking ones not
-    sideways, slipping ones have f_t = -mu f_n u_t / |u_t|.
+    Gauss-Newton steps of least norm on these equations: closed contacts do not accelerate apart,
+    sticking ones not sideways, slipping ones have f_t = -mu f_n u_t / |u_t|.
 
     Args:
         dynamics: The scaled dynamics.
-        forces: (M, 3) scaled, where to begin.
+        forces: (M, 3) scaled, to start from.
         tried: Contact states that are not tried again; those of this call are added.
     """
     tried = set() if tried is None else tried
@@ -179,9 +180,9 @@ def polish(
         if states in tried:
             continue
         tried.add(states)
-        found = _newton_polish(dynamics, forces, opened, slipping)
-        if found is not None:
-            return found
+        polished = _newton_polish(dynamics, forces, opened, slipping)
+        if polished is not None:
+            return polished
     return None
 
 
@@ -236,7 +237,7 @@ def outcome_record(
     speeds = np.linalg.norm(contact_jacobian(problem)[:, 1:] @ a, axis=1)
     local = forces * dynamics.force_unit
     opened = local[:, 0] <= _NEGLIGIBLE * problem.scales.force
-    # Where joints alone move, rounding is all that contacts do.
+    # Where only joints move, accelerations at contacts are rounding errors.
     slips = np.hypot(u[:, 1], u[:, 2]) > _NEGLIGIBLE * float(np.abs(u).max())
     slips &= speeds > _CREEPING * dynamics.limit
     states = np.where(opened, ContactState.OPEN, ContactState.STICKING)

@@ -1,6 +1,6 @@
-"""Records of a verdict: does the object stay at rest with these torques, and what proves it?
+"""Records of a verdict: whether the object stays at rest with these torques, and the proof.
 
-Where contacts slide by a declared motion, rest stands for keeping that motion.
+Where contacts slide by a declared motion, rest means that this motion is kept.
 """
 
 from __future__ import annotations
@@ -18,7 +18,10 @@ from graspless_pin.records import Brief, Record
 
 
 class Stability(StrEnum):
-    """Whether rest is what happens (Pang and Trinkle, 2000). See the example of `stability`."""
+    """Whether rest is an outcome, and the only one (Pang and Trinkle, 2000).
+
+    See the example of `stability`.
+    """
 
     STRONG = "strong"
     """Rest is the only outcome."""
@@ -31,7 +34,7 @@ class Stability(StrEnum):
 
 
 class ContactState(StrEnum):
-    """What a contact does in the instant after. See the example of `stability`."""
+    """The state of a contact in the first instant. See the example of `stability`."""
 
     FREE = "free"
     """Not decided yet: any of the others."""
@@ -99,7 +102,7 @@ class DynamicOutcome(Brief):
 
 @dataclass(frozen=True, eq=False)
 class DualBound(Record):
-    """Multipliers that prove an upper bound in some set of outcomes; see `holding.bounds`.
+    """Multipliers that prove an upper bound over a set of outcomes; see `holding.bounds`.
 
     Attributes:
         motion: (n,) lambda of the dynamics, scaled.
@@ -114,12 +117,12 @@ class DualBound(Record):
 
 @dataclass(frozen=True, eq=False)
 class LoadProof:
-    """A smallest normal force of one contact in every outcome.
+    """A proven lower bound on the normal force of one contact in every outcome.
 
     Attributes:
         contact: Its index.
-        force: N.
-        dual: What proves it.
+        force: The bound, N.
+        dual: The multipliers that prove it.
     """
 
     contact: int
@@ -146,17 +149,17 @@ class OutcomeSet:
 
     Attributes:
         contact: The contact that its parent was split at, or the first of a patch; -1 at the root.
-        state: What is known of that contact here.
+        state: The state of that contact here.
         slip: The directions of slip, where the state is slipping.
         children: They cover the node; empty for a leaf.
-        dual: A leaf's proof that nothing moves in it; None where its last forced contact says that
-            the sibling of this state holds all its outcomes.
-        forced: What proves that all outcomes of the parent are in this state, where it is the only
-            child: that u_n (u_t1 and u_t2) are at most the closing tolerance.
+        dual: A leaf's proof that nothing moves in it; None if its last forced contact shows that
+            the sibling with this state holds all its outcomes.
+        forced: If it is the only child, the proof that all outcomes of the parent are in this
+            state: u_n (u_t1 and u_t2) are at most the closing tolerance.
         loads: Smallest normal forces of all outcomes here and below, each proven with those before.
-        sides: Under a declared motion, what is proven here and below: numbers of goals of
-            `holding.declared_motion` with their multipliers; goal 0: no outcome is here.
-        patch: What its contacts do, where the parent was split at a patch.
+        sides: Under a declared motion, the goals proven here and below: numbers of goals of
+            `holding.declared_motion` with their multipliers; goal 0: the set is empty.
+        patch: The slip of the patch, where the parent was split at one.
     """
 
     contact: int
@@ -171,7 +174,7 @@ class OutcomeSet:
 
     @property
     def is_empty(self) -> bool:
-        """Whether it is proven, under a declared motion, that it holds no outcome."""
+        """Whether it is proven, under a declared motion, that the set is empty."""
         if any(goal == 0 for goal, _ in self.sides):
             return True
         return bool(self.children) and all(child.is_empty for child in self.children)
@@ -179,13 +182,13 @@ class OutcomeSet:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class RestProof(Brief):
-    """What proves that rest is the only outcome. See the example of `stability`.
+    """The proof that rest is the only outcome. See the example of `stability`.
 
     Attributes:
-        loads: Smallest normal forces that the rest of it uses, each proven with those before it.
-        forces: (M, 3) balancing forces whose friction those loads bear, N, world axes: the
-            certificate of one linear program; None where the tree proves it.
-        tree: The sets of outcomes that were looked at; None where the certificate proves it.
+        loads: Smallest normal forces that the proof uses, each proven with those before it.
+        forces: (M, 3) balancing forces with friction up to mu times those normal forces, N, world
+            axes: the certificate of one linear program; None where the tree proves it.
+        tree: The sets of outcomes that were searched; None where the certificate proves it.
         force_limit: The proof holds for normal forces up to this, N.
     """
 
@@ -197,13 +200,13 @@ class RestProof(Brief):
 
 @dataclass(frozen=True, eq=False)
 class SpanProof:
-    """What proves that rest is the only outcome of all loads between two.
+    """The proof that rest is the only outcome under all loads between two.
 
     Attributes:
         multiples: Of a change of load and torques, at the first and at the last of these loads.
-        rest_forces: (M, 3) contact forces of an outcome of rest of each of the two, N, world axes.
-        proofs: For each of the two: both are certificates with loads that all outcomes have, or
-            both are trees, in which the load is any from that one to the other.
+        rest_forces: (M, 3) contact forces of rest under each of the two, N, world axes.
+        proofs: One for each of the two: both are certificates by normal forces that the outcomes of
+            all loads have, or both are trees, in which the load is any from that one to the other.
     """
 
     multiples: tuple[float, float]
@@ -219,8 +222,8 @@ class LastRest:
         multiple: Of the change.
         forces: (M, 3) contact forces of that rest, N, world axes; None: only the rest without
             the change is known.
-        no_rest: (P + L,) what proves that rest is no outcome beyond it, as of a verdict; None: it
-            was not looked further.
+        no_rest: (P + L,) proof that rest is no outcome beyond it, see `StabilityVerdict`; None:
+            larger multiples were not searched.
     """
 
     multiple: float
@@ -244,21 +247,21 @@ class StabilityVerdict:
         rest_forces: (M, 3) contact forces of an outcome of rest, N; None where there is none.
         motion: The moving outcome of a weak verdict, or what happens where rest is no outcome, if
             one was found.
-        proof: What proves a strong verdict.
-        no_rest: (P + L,) what proves that rest is no outcome: a motion of object and joints along
-            which all contact forces do work of one sign and the load the other; scaled.
+        proof: The proof of a strong verdict.
+        no_rest: (P + L,) proof that rest is no outcome: a motion of object and joints along which
+            all contact forces do work of one sign and the load of the other; scaled.
         programs: Linear programs solved.
-        nodes: Sets of outcomes looked at, without those that earlier proofs close.
-        free_motions: How many motions no friction resists, see `free_motions`.
+        nodes: Sets of outcomes searched, without those that multipliers found before prove.
+        free_motions: Number of motions that no friction resists, see `free_motions`.
         small_motions: Of a strong verdict: whether rest lasts beyond the first instant.
-        leaving: Of a strong verdict: joints that friction alone keeps. They may leave, and the
-            object stays all the same.
-        seconds: Processor time that looking at `nodes` took.
-        next_nodes: Of an undecided verdict: a limit worth asking for; 0: more would not help.
+        leaving: Of a strong verdict: joints that friction alone keeps in place. They may leave
+            while the object stays.
+        seconds: Processor time of the search through `nodes`.
+        next_nodes: Of an undecided verdict: a node limit worth trying; 0: more would not help.
         message: One sentence.
-        controller: What runs on the joints beside the torques, in words; empty: it is not stated,
+        controller: The controller in addition to the torques, in words; empty: it is not stated,
             and the torques are constant.
-        joints_held: Whether joints keep their positions under it: then torques do not count, and
+        joints_held: Whether the controller keeps joint positions: then torques have no effect, and
             the joints of the problem have no part in its contacts.
     """
 
@@ -295,10 +298,10 @@ class StabilityVerdict:
 
     @property
     def moves(self) -> MovingPart | None:
-        """What `motion` moves: the object, or joints alone; None without a motion.
+        """The part that `motion` moves: the object, or joints alone; None without a motion.
 
-        Where rest is no outcome, an object that accelerates less than counts as motion elsewhere
-        goes with the joints all the same: it slips, and they do not move alone.
+        Where rest is no outcome, the object counts as moving from a smaller acceleration on, that
+        of `FINEST_RESOLUTION`: then it slips, and the joints do not move alone.
         """
         if self.motion is None:
             return None
@@ -345,7 +348,7 @@ class StabilityVerdict:
         return self.holding is Holding.HOLDS if lasting else self.status is Stability.STRONG
 
     def full_message(self, option: str = "node_limit={}") -> str:
-        """Return the message, and where more nodes might decide, how to ask for them.
+        """Return the message, with the option for a larger node limit where that might decide.
 
         Args:
             option: How a limit is given, with braces for the number.
@@ -369,11 +372,11 @@ class StabilityVerdict:
 
 
 COARSEST_RESOLUTION, FINEST_RESOLUTION = 0.01, 1e-6
-"""Accelerations that may count as rest, as shares of load over mass; documents hold to the same."""
+"""Range of `acceleration_resolution`, shares of load over mass; the same for documents."""
 NODE_LIMIT = 3000
-"""Sets of outcomes that are looked at unless told otherwise; earlier proofs close others."""
+"""Default of the most sets of outcomes that are searched."""
 BRIEF_NODE_LIMIT = 1000
-"""The same of verdicts that stand beside an answer unasked: some seconds at most."""
+"""The same for verdicts that are given in addition to another answer: some seconds at most."""
 
 
 class StabilityKeywords(TypedDict, total=False):

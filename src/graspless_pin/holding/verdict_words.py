@@ -1,4 +1,4 @@
-"""What verdicts say in words: one sentence, of what is proven and of what becomes of rest."""
+"""Verdicts in words: one sentence about the proof, and whether rest lasts."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from graspless_pin.holding.verdict import StabilityVerdict
 
 NO_FINGERS: Mapping[str, str] = MappingProxyType({})
 _NAMED_TORQUE = 0.2
-"""Of the torque that is left over most: joints with less are not named."""
+"""Share of the largest unbalanced torque below which a joint is not named."""
 _SAME_GROWTH = 2.0
 """Growth on both models of a mesh that differs by less than this factor is told as one."""
 
 
 def lead_and_words(message: str) -> tuple[str, str]:
-    """Return what a verdict leads with, such as "holds", and what it goes on with."""
+    """Return the first words of a verdict's message, such as "holds", and the rest of it."""
     lead, *rest = re.split("[:;] ", message, maxsplit=1)
     return lead, "".join(rest)
 
 
 def strong_words(verdict: StabilityVerdict, fingers: Mapping[str, str] = NO_FINGERS) -> str:
-    """Return what a strong verdict says: its proof is of the first instant, rest has to last.
+    """Return the message of a strong verdict: the proof of the first instant, and if rest lasts.
 
     Args:
         verdict: The verdict.
@@ -36,7 +36,7 @@ def strong_words(verdict: StabilityVerdict, fingers: Mapping[str, str] = NO_FING
 
 
 def _leaving_words(joints: Sequence[str], fingers: Mapping[str, str]) -> str:
-    """Return which fingers may leave; empty: none."""
+    """Return in words which fingers may leave; empty: none."""
     if not joints:
         return ""
     who, several = _joints_in_words(joints, fingers)
@@ -45,14 +45,14 @@ def _leaving_words(joints: Sequence[str], fingers: Mapping[str, str]) -> str:
 
 
 def _joints_in_words(joints: Sequence[str], fingers: Mapping[str, str]) -> tuple[str, bool]:
-    """Return joints in words, by their fingers where these are known, and if they are several."""
-    of = sorted({fingers[name] for name in joints if name in fingers})
-    kind, who = ("finger", of) if of else ("joint", joints)
+    """Return joints in words, by their fingers where known, and whether there are several."""
+    owners = sorted({fingers[name] for name in joints if name in fingers})
+    kind, who = ("finger", owners) if owners else ("joint", joints)
     return f"{kind}{'s' * (len(who) > 1)} {first_few([*map(repr, who)])}", len(who) > 1
 
 
 def _object_words(verdict: StabilityVerdict) -> str:
-    """Return what a strong verdict says of the object."""
+    """Return the sentence of a strong verdict about the object."""
     count, free, small = verdict.programs, verdict.free_motions, verdict.small_motions
     proof = f"{count} LP{'s' if count != 1 else ''}"
     feedback = f"; needs position feedback: {free} free motion{'s' if free != 1 else ''}"
@@ -67,7 +67,7 @@ def _object_words(verdict: StabilityVerdict) -> str:
 
 
 def _lasting_words(verdict: StabilityVerdict, small: SmallMotions, proof: str) -> str:
-    """Return what becomes of rest after the first instant, which is proven."""
+    """Return in words whether rest lasts after the first instant."""
     if not small.moving:
         under = f" with {verdict.controller}" if verdict.controller else ""
         lead = "stays" if verdict.leaving else "holds"
@@ -92,7 +92,7 @@ def _lasting_words(verdict: StabilityVerdict, small: SmallMotions, proof: str) -
 
 
 def _assumed_words(small: SmallMotions) -> str:
-    """Return at which contacts it is not known how the bodies roll; empty: it is."""
+    """Return in words at which contacts the rolling of the bodies is assumed; empty: at none."""
     if not small.assumed:
         return ""
     listed = first_few([*map(str, small.assumed)])
@@ -101,7 +101,7 @@ def _assumed_words(small: SmallMotions) -> str:
 
 
 def _stable_words(small: SmallMotions) -> str:
-    """Return which feedback stops what grows, such as "at least 2 N m/rad"."""
+    """Return the stabilising feedback in words, such as "at least 2 N m/rad"."""
     parts = []
     for low, high in small.stable or ((small.stiffness, inf),):
         least, most = f"{_two_digits(low, up=True):g}", f"{_two_digits(high):g}"
@@ -113,7 +113,7 @@ def _stable_words(small: SmallMotions) -> str:
 
 
 def _surface_words(small: SmallMotions) -> str:
-    """Return how growth hangs on what a mesh stands for, where that makes much of it."""
+    """Return in words how growth depends on the model of a mesh's surface; empty: little."""
     rates = small.growth_by_surface
     if not rates or min(rates.values()) * _SAME_GROWTH >= max(rates.values()):
         return ""
@@ -122,7 +122,7 @@ def _surface_words(small: SmallMotions) -> str:
 
 
 def finger_words(verdict: StabilityVerdict, fingers: Mapping[str, str]) -> str:
-    """Return what a verdict says whose motion is one of joints alone.
+    """Return the message of a verdict whose motion is one of joints alone.
 
     Args:
         verdict: The verdict; `moves` is ``finger``.
@@ -146,7 +146,7 @@ def finger_words(verdict: StabilityVerdict, fingers: Mapping[str, str]) -> str:
 
 
 def _two_digits(value: float, *, up: bool = False) -> float:
-    """Return two digits of a figure."""
+    """Return a figure rounded to two digits."""
     if value <= 0.0 or isinf(value):
         return value
     unit = 10.0 ** (floor(log10(value)) - 1)
