@@ -1,7 +1,7 @@
-"""States of a scene whose object a hand carries along: they move with one link as one body.
+"""States of a scene whose object moves with a link of the hand as one body.
 
-In the frame of that link the contacts stay where they are, and so does what they do at the joints
-that hold the object. A state turns gravity there, and tells what the joints before the link bear.
+In the frame of that link the contacts and the Jacobian of the joints behind it are constant. A
+state changes the direction of gravity in that frame, and the torques of the joints that carry it.
 """
 
 from __future__ import annotations
@@ -37,14 +37,14 @@ from graspless_pin.solution import TorqueSolution
 from graspless_pin.solution.certificate import DualVariables
 
 _AXES = (np.array([0.0, 1.0, 0.0]), np.array([1.0, 0.0, 0.0]))
-"""Which tangents lie along where a scene states none: pyramids with 4 k edges are the same."""
+"""Tangent axes where a scene states none: pyramids with 4 k edges do not change by them."""
 
 
 class AttachedConfigurations(Configurations):
     """The states of a scene whose object moves with a link.
 
-    The joints behind the link hold the object and stay as they are in the scene; a configuration is
-    of all others.
+    The joints behind the link hold the object and stay as they are in the scene; a configuration
+    has all other joints.
 
     Attributes:
         link: Name of the link.
@@ -54,7 +54,7 @@ class AttachedConfigurations(Configurations):
     """
 
     def __init__(self, scene: Scene, link: str) -> None:
-        """Take the scene.
+        """Prepare the states of a scene.
 
         Args:
             scene: The scene; its contacts are those of all states.
@@ -88,7 +88,7 @@ class AttachedConfigurations(Configurations):
 
     @cached_property
     def without_limits(self) -> AttachedConfigurations:
-        """The same states, and those in which joints are outside their limits."""
+        """The same states without joint limits."""
         return AttachedConfigurations(without_joint_limits(self.scene), self.link)
 
     @property
@@ -113,7 +113,7 @@ class AttachedConfigurations(Configurations):
         return joint
 
     def _refuse_followers(self, behind: NDArray[np.intp]) -> None:
-        """Refuse joints that hold the object and would move with those that carry it."""
+        """Refuse joints behind the link that follow a joint before it."""
         names, coupling = self.hand.tree.joint_names, self.hand.tree.coupling
         follows = coupling.S[np.ix_(behind, self._free)].any(axis=1)
         for joint in behind[follows].tolist():
@@ -133,9 +133,9 @@ class AttachedConfigurations(Configurations):
             )
 
     def _carried_contacts(self) -> ContactArrays:
-        """Return what touches the object; refuse what does not move with the link."""
+        """Return the contacts with the object; refuse bodies that do not move with the link."""
         touching, tree = touching_of(self.scene), self.hand.tree
-        _ = self.scene.contacts  # says what is wrong where nothing touches
+        _ = self.scene.contacts  # raises the error of a scene without contacts
         for name, kind in zip(touching.bodies, touching.kinds, strict=True):
             if kind is BodyKind.SUPPORT:
                 raise ArgumentError(
@@ -173,7 +173,7 @@ class AttachedConfigurations(Configurations):
         fields: dict[str, Any] = {
             "hand": hand,
             "object": scene.object.with_pose(move @ scene.object.T_world_object),
-            "tangent_axes": tuple([read_only(move[:3, :3] @ one) for one in scene.tangent_axes]),
+            "tangent_axes": tuple([read_only(move[:3, :3] @ axis) for axis in scene.tangent_axes]),
         }
         if scene.given_contacts is not None:
             fields["given_contacts"] = tuple(
@@ -182,7 +182,7 @@ class AttachedConfigurations(Configurations):
         return scene._changed(fields)
 
     def solved_scene_at(self, q: Any, T_world_object: Any, twist: Any) -> Scene:
-        """Return the scene in one state, with the contacts that the answer is for."""
+        """Return the scene in one state with the carried contacts, as it is solved."""
         scene = self.scene_at(q, T_world_object, twist)
         if scene is self.scene or scene.given_contacts is not None or scene.hand is None:
             return scene
@@ -194,7 +194,7 @@ class AttachedConfigurations(Configurations):
         return with_touching(scene, moved)
 
     def _object_displacement(self, hand: Hand) -> FloatArray:
-        """Return (4, 4) how the object has moved since the scene, world axes, m."""
+        """Return (4, 4) displacement of the object from its pose in the scene, world axes, m."""
         return self._T_world_joint(hand) @ self._T_joint_world
 
     def hand_at(self, q: Configuration) -> Hand:
@@ -216,25 +216,25 @@ class AttachedConfigurations(Configurations):
         return super()._named_positions(q)
 
     def coupling(self) -> tuple[FloatArray, FloatArray]:
-        """Return (n, a) and (n,) matrix and offset from a configuration to all positions."""
+        """Return the matrix (n, a) and offset (n,) that map a configuration to all positions."""
         S, offset = self.hand.tree.coupling.S, self.hand.tree.coupling.offset
         fixed = np.setdiff1d(np.arange(len(self._start)), self._free)
         return S[:, self._free], offset + S[:, fixed] @ self._start[fixed]
 
     @property
     def rate_limits(self) -> FloatArray:
-        """(a,) largest rates of the joints, rad/s or m/s; infinite where files state none."""
+        """(a,) velocity limits of the joints, rad/s or m/s; infinite where files state none."""
         return self.hand.tree.fastest[self._free]
 
     @cached_property
     def moves_apart(self) -> NDArray[np.bool_]:
-        """(G,) which of the hand's collision shapes do not move with the link."""
+        """(G,) mask of the hand's collision shapes that do not move with the link."""
         carriers, _ = self.hand.tree.shape_placements
         return ~self.hand.tree.supports[carriers, self.joint - 1]
 
     @cached_property
     def motor_map(self) -> FloatArray:
-        """(n, L) the torques of all joints become those of the problem's joints by it."""
+        """(n, L) matrix from the torques of all joints to those of the problem's joints."""
         own = self.hand.actuation.from_joints
         count = len(jointed_contacts(self.scene).joints.names)
         return np.pad(own, ((0, 0), (0, count - own.shape[1])))
@@ -255,7 +255,7 @@ class AttachedConfigurations(Configurations):
         """Return (..., 6) wrenches in the axes of the joint that carries the link.
 
         Args:
-            kinematics: Where the hand is.
+            kinematics: Of the states.
             wrenches: (..., 6) on the object about its centre of mass, world axes, N and N m.
         """
         R = kinematics.T_world_joint[..., self.joint, :3, :3]
@@ -265,10 +265,10 @@ class AttachedConfigurations(Configurations):
     def torques_with_load(
         self, kinematics: Kinematics, wrenches: FloatArray, torques: FloatArray
     ) -> FloatArray:
-        """Return (..., n) the torques of all joints, of which those that carry the link bear it.
+        """Return (..., n) torques of all joints with those by which the object's load is carried.
 
         Args:
-            kinematics: Where the hand is.
+            kinematics: Of the states.
             wrenches: See `wrenches_in_link_axes`; the link carries them, whatever the contact
                 forces that balance them.
             torques: (..., n) that the hand's own links need, N m or N.
@@ -289,15 +289,15 @@ class AttachedConfigurations(Configurations):
         return bool(self.hand.actuation.from_joints[carriers].any())
 
     def axes_at(self, scene: Scene) -> FloatArray:
-        """Return (3, 3) the axes of the joint that carries the link in a state, as columns."""
+        """Return (3, 3) the axes, as columns, of the joint that carries the link in a state."""
         return self._T_world_joint(scene.hand or self.hand)[:3, :3]
 
     def shared_problem(self, scene: Scene, problem: QuasistaticProblem) -> QuasistaticProblem:
         """Return the problem of a state in the axes of the joint that carries the link.
 
-        But for its wrench and weights it is that of all states. Whatever contact forces balance the
-        wrench, the joints that carry the link bear the same: that counts as a weight, and they have
-        no part in J.
+        Only its wrench and gravity torques differ from state to state. The load on the joints that
+        carry the link does not depend on which contact forces balance the wrench: it is added to
+        the gravity torques, and the columns of these joints in J are zero.
 
         Args:
             scene: The scene in this state.
@@ -316,14 +316,15 @@ class AttachedConfigurations(Configurations):
         return rotated_problem(problem, R.T, jacobian=J, gravity_torques=weights)
 
     def object_overlap(self, scene: Scene) -> str:
-        """Return what the object is in deeper than ``max_penetration``; empty: in nothing.
+        """Return a message on a body that the object overlaps by more than ``max_penetration``.
 
-        The links that hold it are as deep in it as they are in the evaluator's scene.
+        It is empty if there is none. Links that hold the object are not compared: their overlap is
+        that in the evaluator's scene.
         """
         depth, placed = scene.max_penetration, scene.object.placed_bodies
         hand = scene.hand or self.hand
         around = [
-            (one.placed_bodies, np.ones(len(one.placed_bodies), bool)) for one in scene.supports
+            (own.placed_bodies, np.ones(len(own.placed_bodies), bool)) for own in scene.supports
         ]
         for bodies, counts in [*around, (hand.placed_bodies, self.moves_apart)]:
             for p, k in near_pairs(placed, bodies, -depth):
@@ -343,11 +344,11 @@ def rotated_problem(
     jacobian: FloatArray | None = None,
     gravity_torques: FloatArray | None = None,
 ) -> QuasistaticProblem:
-    """Return a problem of one free object, without inertias, in other axes.
+    """Return a problem of one free object in other axes, without inertias.
 
     Args:
-        problem: The problem; all its contacts bear the same normal force.
-        R: (3, 3) turns vectors into those axes.
+        problem: The problem; its contacts have the same limit of normal forces.
+        R: (3, 3) rotates vectors into those axes.
         jacobian: (3M, L) in the problem's axes; None: its own.
         gravity_torques: (L,) None: its own.
     """
@@ -377,17 +378,17 @@ def rotated_solution(
     """Return the solution of a problem from that of the same problem in other axes.
 
     Args:
-        solution: That.
+        solution: That of the problem in the other axes.
         problem: The problem.
-        R: (3, 3) turns vectors into the axes of the problem.
+        R: (3, 3) rotates vectors into the axes of the problem.
     """
-    found, forces = solution.evidence, solution._forces
+    own, forces = solution.evidence, solution._forces
     evidence = replace(
-        found,
-        relaxation=_rotated_multipliers(found.relaxation, R),
-        in_mode=_rotated_multipliers(found.in_mode, R),
-        forces=None if found.forces is None else read_only(found.forces @ R.T),
-        motion=None if found.motion is None else read_only(_rotated(found.motion, R)),
+        own,
+        relaxation=_rotated_multipliers(own.relaxation, R),
+        in_mode=_rotated_multipliers(own.in_mode, R),
+        forces=None if own.forces is None else read_only(own.forces @ R.T),
+        motion=None if own.motion is None else read_only(_rotated(own.motion, R)),
     )
     forces = None if forces is None else read_only(forces @ R.T)
     return replace(solution, problem=problem, evidence=evidence, _forces=forces)
@@ -398,7 +399,7 @@ def rotated_optimum(optimum: WarmOptimum, R: FloatArray) -> WarmOptimum:
 
     Args:
         optimum: The optimum.
-        R: (3, 3) turns vectors into those axes.
+        R: (3, 3) rotates vectors into those axes.
     """
     motion = _rotated(optimum.scale * optimum.motion, R)
     return optimum._replace(
@@ -417,7 +418,7 @@ def _rotated_multipliers(multipliers: DualVariables | None, R: FloatArray) -> Du
 
 
 def _rotated(vector: FloatArray, R: FloatArray) -> FloatArray:
-    """Turn the first two vectors of three of (6 + k,) numbers; the others stay."""
+    """Rotate the first two triples of a vector (6 + k,); the other entries stay."""
     return np.concatenate([R @ vector[:3], R @ vector[3:6], vector[6:]])
 
 

@@ -1,6 +1,7 @@
-"""The gradient of an optimum by the hand's joint positions, the object held where it is.
+"""The gradient of an optimum by the hand's joint positions at a fixed pose of the object.
 
-It follows from how the arrays of a problem change as its contacts and the hand's joints move.
+It follows by the chain rule from the derivatives of a problem's arrays by motions of contacts and
+joints.
 
 The Jacobian column of joint j at a point p of a link is v_j + omega_j x p with the joint's spatial
 column (v_j, omega_j). A joint k at or above j carries that column along, d(v_j, omega_j) = (v_k,
@@ -38,13 +39,13 @@ from graspless_pin.scene.stated import Accelerated
 
 
 class ContactRates(NamedTuple):
-    """How M contacts move in k motions, of which the first n are those of the movable joints.
+    """Derivatives of M contacts by k motions, of which the first n are those of movable joints.
 
     Attributes:
-        moves: (M, 3, k) of the points, m.
+        moves: (M, 3, k) translation of the points, m.
         turns: (M, 3, k) rotation of normal and tangents, rad.
-        center: (3, k) of the object's centre of mass, m.
-        turning: (3, k) of the object, rad.
+        center: (3, k) translation of the object's centre of mass, m.
+        turning: (3, k) rotation of the object, rad.
     """
 
     moves: FloatArray
@@ -55,7 +56,7 @@ class ContactRates(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class ProblemRates:
-    """First derivatives of a problem's data in k motions, by the names that `Gradients` has."""
+    """First derivatives of a problem's data by k motions, with the names of `Gradients`."""
 
     positions: FloatArray
     normals: FloatArray
@@ -65,7 +66,7 @@ class ProblemRates:
     gravity_torques: FloatArray
 
     def by_independent_joints(self, coupling: FloatArray) -> ProblemRates:
-        """Return those by the independent joints and the motions after the joints.
+        """Return the derivatives by the a independent joints, then those by the other motions.
 
         Args:
             coupling: (n, a) see `Coupling`.
@@ -78,7 +79,7 @@ class ProblemRates:
         return ProblemRates(**parts)
 
     def chain_rule(self, by: Gradients) -> FloatArray:
-        """Return (k,) what derivatives by the data come to."""
+        """Return (k,) derivatives by the motions of a figure with derivatives ``by`` the data."""
         return sum(
             (
                 np.tensordot(getattr(by, name), rates, rates.ndim - 1)
@@ -91,13 +92,13 @@ class ProblemRates:
 def problem_rates(
     scene: Scene, columns: JointColumns | None, joint_count: int, contacts: ContactRates
 ) -> ProblemRates:
-    """Return how a scene's problem changes.
+    """Return the derivatives of the data of a scene's problem.
 
     Args:
         scene: The scene.
         columns: The joint columns of its hand; None: it has none.
-        joint_count: Columns of the problem's Jacobian.
-        contacts: How its contacts move.
+        joint_count: Number of columns of the problem's Jacobian.
+        contacts: Derivatives of its contacts.
 
     Raises:
         ArgumentError: If its acceleration turns or moves joints.
@@ -144,13 +145,13 @@ _TURN_STEP = 1e-6
 
 
 class Follows(StrEnum):
-    """What a contact of the hand stays on when the joints move."""
+    """How a contact of the hand moves when the joints move."""
 
     SURFACE = "surface"
     """It stays where link and object are nearest: a rounded tip slides and rolls over the object,
-    whose surface there is flat or a sphere. This is what finding the contacts anew gives."""
+    whose surface there is flat or a sphere. Contacts that are found again move like this."""
     LINK = "link"
-    """It stays at its place on the link, and its normal and tangents turn with the link."""
+    """It is fixed to the link, and its normal and tangents turn with the link."""
 
 
 def moving_contacts(
@@ -162,11 +163,11 @@ def moving_contacts(
         scene: A scene with a hand.
         hand: The hand.
         columns: Its joint columns.
-        follows: What the contacts stay on.
+        follows: How contacts move.
 
     Returns:
-        How all contacts move, of which those with supports stay, and (H, n) by how much the gaps
-        between link and object of the H contacts with the hand grow, m per rad or m.
+        The derivatives of all contacts, zero for those with supports; and (H, n) derivatives of the
+        gaps between link and object of the H contacts with the hand, m per rad or m.
     """
     count, points = len(columns.linear), scene.contacts.points
     gaps = np.zeros((scene.contacts.arrays.hand_count, count))
@@ -183,24 +184,24 @@ def moving_contacts(
         pieces = [body for body in hand.placed_bodies if body.name == contact.body]
         if pieces:
             patch = Patch(n, p[None], [gap])
-            found = nearest_rates(pieces, scene.object.placed_bodies, patch, (own, fixed))
+            rates = nearest_rates(pieces, scene.object.placed_bodies, patch, (own, fixed))
         else:  # a given contact
-            found = rates_over_face(n, gap, own, fixed)
-        gaps[index], moves[index] = found.gap, found.middle
-        turns[index] = frame_turns(n, found.normal, scene.tangent_axes)
+            rates = rates_over_face(n, gap, own, fixed)
+        gaps[index], moves[index] = rates.gap, rates.middle
+        turns[index] = frame_turns(n, rates.normal, scene.tangent_axes)
     return ContactRates(moves, turns, still, still), gaps
 
 
 def frame_turns(
     normal: FloatArray, change: FloatArray, tangent_axes: tuple[FloatArray, ...]
 ) -> FloatArray:
-    """Return the (3, n) rotation of a contact's frame whose normal changes.
+    """Return the (3, n) rotation rates of a contact's frame from the derivatives of its normal.
 
     Its tangents follow the scene's rule.
 
     Args:
         normal: (3,) unit.
-        change: (3, n) of the normal, tangential.
+        change: (3, n) derivatives of the normal, tangential.
         tangent_axes: See `Scene`.
     """
     if not change.any():
@@ -225,10 +226,10 @@ class ConfigurationGradient(Brief):
     Attributes:
         joint_names: a independent joints, those of `Evaluator.joint_names`.
         values: (a,) N or N m per rad (per m for prismatic joints).
-        unique: (a,) which entries all optimal forces and multipliers agree on.
+        unique: (a,) mask of the entries on which all optimal forces and multipliers agree.
         contacts: H indices of the hand's contacts among those of the scene.
         gaps: (H,) gap between link and object, negative where they overlap, m.
-        gap_gradient: (H, a) of the gaps, m per rad or m: motions that leave them alone keep the
+        gap_gradient: (H, a) of the gaps, m per rad or m: motions along which it vanishes keep the
             hand touching. Zero where contacts follow the link.
         data: The gradients by the problem's data that these come from.
     """
@@ -252,9 +253,9 @@ def configuration_gradient(
 ) -> ConfigurationGradient:
     """Differentiate the optimum of a state by the hand's joint positions.
 
-    Held fixed are the object's pose, its contacts with supports, the coefficients of friction, the
-    limits and the mode; which links touch does not change. Contact points, lever arms and the
-    links' own weight move with the joints.
+    The object's pose, its contacts with supports, the coefficients of friction, the limits, the
+    mode and the set of touching links are held fixed. Contact points, lever arms and the torques of
+    the links' own weight change with the joints.
 
     Args:
         evaluation: A state with torques, from an evaluator without regularisation.
@@ -263,7 +264,7 @@ def configuration_gradient(
             sphere; ``link``: it stays at its place on the link: see `Follows`.
 
     Returns:
-        The gradient; entries of which it is only one of several are marked.
+        The gradient, with a mask of unique entries; the others are one of several values.
 
     Raises:
         NoSolutionError: If the state has no torques.

@@ -1,6 +1,6 @@
 """States of a scene as planners give them: configurations by joint name or as plain arrays.
 
-Pins are pairs of bodies whose nearest points are contacts, whatever the gap between them.
+Pins are pairs of bodies whose nearest points count as contacts, whatever the gap between them.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from graspless_pin.scene import Scene
 from graspless_pin.scene.stated import GivenContact, Motion
 
 PinEntry = tuple[str, str] | tuple[str, str, ArrayLike]
-"""Two bodies, and perhaps the way that the face of the second looks which counts, its own axes."""
+"""Two bodies, and optionally the outward direction, in its own axes, of one face of the second."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,10 +46,9 @@ class Pin:
     Attributes:
         first: The object, a hand link or a support.
         second: Another of them; one of the two is the object.
-        plane: (3,) outward normal and offset, m, of the face of the second body that counts, in its
-            own frame; None: all of it does.
-        point: (3,) the point of the first body that counts, in its own frame, m; None: the one that
-            is nearest.
+        plane: (3,) outward normal and offset, m, in its own frame, of the face of the second body
+            that is used; None: its whole surface is.
+        point: (3,) point of the first body that is used, in its own frame, m; None: the nearest.
     """
 
     first: str
@@ -60,7 +59,7 @@ class Pin:
 
 @dataclass(frozen=True, eq=False)
 class PinnedPoint:
-    """Where a pin is in one state.
+    """The contact of a pin in one state.
 
     Attributes:
         pin: The pin.
@@ -76,8 +75,8 @@ class PinnedPoint:
 def pins_of(scene: Scene, entries: Sequence[PinEntry]) -> tuple[Pin, ...]:
     """Return the pins of a scene, those of the hand first.
 
-    Where a pair touches along a face or a line in the scene's own state, the corners of that stay
-    where they are on the first body, each over the plane of the second.
+    Where a pair touches along a face or a line in the scene's own state, it has one pin for each
+    corner of that: a fixed point of the first body over the plane of the second.
 
     Args:
         scene: The scene.
@@ -128,7 +127,7 @@ def _pins_of_entry(scene: Scene, name: str, entry: PinEntry) -> list[Pin]:
 
 
 def pinned_point(scene: Scene, pin: Pin) -> PinnedPoint:
-    """Return where a pin of a scene is in one of its states."""
+    """Return the contact of a pin in a state of its scene."""
     if pin.point is None or pin.plane is None:
         patch = nearest_patch(*_pin_bodies(scene, pin))
         nearest = int(np.argmin(patch.gaps))
@@ -144,16 +143,16 @@ def pinned_point(scene: Scene, pin: Pin) -> PinnedPoint:
 
 
 def pin_rates(scene: Scene, columns: JointColumns | None, at: PinnedPoint) -> Rates:
-    """Return how a pinned contact moves, its normal that into the object.
+    """Return the derivatives of a pinned contact, whose normal points into the object.
 
     Args:
         scene: The scene in the state.
-        columns: Of its hand; None: it has none.
-        at: What `pinned_point` returns.
+        columns: The joint columns of its hand; None: it has none.
+        at: The pinned point in this state.
 
     Returns:
-        By the n movable joints, rad or m, and by the object's twist about its centre of mass,
-        [linear; angular], world axes.
+        Derivatives by the n movable joints, rad or m, and by the object's twist about its centre of
+        mass, [linear; angular], world axes.
     """
     pin, middle, gap = at.pin, at.contact.position, at.gap
     n = at.contact.normal if pin.second == scene.object.name else -at.contact.normal
@@ -164,16 +163,16 @@ def pin_rates(scene: Scene, columns: JointColumns | None, at: PinnedPoint) -> Ra
     )
     if pin.point is None:
         bodies = _pin_bodies(scene, pin)
-        found = nearest_rates(*bodies, nearest_patch(*bodies), (first, second))
+        rates = nearest_rates(*bodies, nearest_patch(*bodies), (first, second))
     else:
-        found = rates_over_face(n, gap, first, second)
-    return found if pin.second == scene.object.name else found._replace(normal=-found.normal)
+        rates = rates_over_face(n, gap, first, second)
+    return rates if pin.second == scene.object.name else rates._replace(normal=-rates.normal)
 
 
 def _velocities(
     scene: Scene, columns: JointColumns | None, body: str, point: FloatArray
 ) -> Velocities:
-    """Return how a body moves at a point: by the joints, then by the object's twist."""
+    """Return velocities of a body at a point, by the n joints and then by the object's twist."""
     count = 0 if columns is None else len(columns.linear)
     linear, angular = np.zeros((3, count + 6)), np.zeros((3, count + 6))
     if body == scene.object.name:
@@ -223,16 +222,17 @@ class Configurations:
     """The states that a scene can be put into.
 
     Attributes:
-        scene: The scene; what a state does not say is as it is there.
+        scene: The scene; what a state does not specify is as in it.
         joint_names: The a joints that do not follow others, in the hand's order.
         joint_units: ``rad`` or ``m`` of each.
-        pins: Contacts whatever the gap, those of the hand first; None: contacts are found.
+        pins: Contacts that are kept whatever the gap, those of the hand first; None: contacts are
+            found.
         joint_limits: (lower, upper), each (a,), rad or m; infinite where there is no limit, and
             narrowed by the limits of the joints that follow.
     """
 
     def __init__(self, scene: Scene, pins: Sequence[PinEntry] | None = None) -> None:
-        """Take the scene, and what is pinned in it: see `Evaluator`."""
+        """Prepare the states of a scene, with its pins: see `Evaluator`."""
         self.pins = None if pins is None else pins_of(scene, pins)
         self.scene = scene if self.pins is None else _with_pinned_contacts(scene, self.pins)
         self._hand = hand = scene.hand
@@ -260,7 +260,7 @@ class Configurations:
         return None if self._hand is None else self._hand.with_configuration(positions)
 
     def array(self, q: Configuration) -> FloatArray:
-        """Return (a,) positions of `joint_names`; those that are not named as the hand has them.
+        """Return (a,) positions of `joint_names`; joints that are not named stay as in the hand.
 
         Args:
             q: See `hand_at`.
@@ -278,7 +278,7 @@ class Configurations:
         return np.array([positions[name] for name in self.joint_names])
 
     def position_row(self, q: Configuration | None) -> FloatArray | None:
-        """Return (a,) positions of `joint_names`; None where a joint is named that follows others.
+        """Return (a,) positions of `joint_names`; None: a joint that follows others is named.
 
         Args:
             q: See `Evaluator.evaluate`.
@@ -300,24 +300,24 @@ class Configurations:
 
     @cached_property
     def without_limits(self) -> Configurations:
-        """The same states, and those in which joints are outside their limits."""
+        """The same states without joint limits."""
         free = Configurations(without_joint_limits(self.scene))
         free.pins = self.pins
         return free
 
     motors_carry = False
-    """Whether joints under force control carry the object whatever the contact forces are."""
+    """Whether joints under force control carry the link that the object moves with."""
 
     def axes_at(self, scene: Scene) -> FloatArray | None:  # noqa: ARG002
         """Return (3, 3) axes in which states are solved, as columns; None: the world's."""
         return None
 
     def shared_problem(self, scene: Scene, problem: QuasistaticProblem) -> QuasistaticProblem:  # noqa: ARG002
-        """Return the problem of a state as states with the same contacts share it."""
+        """Return the problem of a state in the form shared by states with the same contacts."""
         return problem
 
     def object_overlap(self, scene: Scene) -> str:  # noqa: ARG002
-        """Return what the object is in that a scene's contacts do not tell; empty: in nothing."""
+        """Return a message on overlaps of the object that contacts do not show; empty: none."""
         return ""
 
     def solved_scene_at(
@@ -369,15 +369,15 @@ class Configurations:
 
 
 def _with_pinned_contacts(scene: Scene, pins: Sequence[Pin]) -> Scene:
-    """Return a scene with its contacts where the pins are."""
+    """Return a scene whose given contacts are those of the pins."""
     return scene.with_changes(given_contacts=[pinned_point(scene, pin).contact for pin in pins])
 
 
 def without_joint_limits(scene: Scene) -> Scene:
-    """Return a scene whose joints may go anywhere."""
+    """Return a scene whose joints have no position limits."""
     hand = scene.hand
     if hand is None:
         return scene
-    most = np.full(len(hand.joint_names), np.finfo(float).max)
-    tree = changed(hand.tree, tolerated=(-most, most))
+    largest = np.full(len(hand.joint_names), np.finfo(float).max)
+    tree = changed(hand.tree, tolerated=(-largest, largest))
     return scene.with_changes(hand=changed(hand, tree=tree))

@@ -14,22 +14,22 @@ from graspless_pin.solution.active_limits import contact_rooms
 from graspless_pin.solvers.simplex import Simplex
 
 MARGIN_SLACK = 1e-6
-"""Of the load: margins and balances may be off by so much."""
+"""In loads: tolerance of margins and of the balance."""
 _NEAR_SIDE = 1e-3
-"""Of the ranges of u and x: corners that are left out of a polygon."""
+"""Relative to the ranges of u and x: corners nearer to a side are left out of the polygon."""
 _SAME_CORNER = 1e-9
-"""Of them: corners that are one."""
+"""Relative to these ranges: nearer corners count as one."""
 _MOST_HALVINGS = 8
 """Halvings of a side of a polygon."""
 _MOST_ACCELERATION = 1e4
-"""Along the path, rad/s^2: where nothing else limits it."""
+"""Largest |u| where nothing else limits it, rad/s^2."""
 
 
 class ContactProgram:
-    """The linear program of contact forces, (u, x) and the margin e, solved again and again.
+    """The linear program in contact forces, (u, x) and the margin e, reused for all points.
 
-    Forces that keep the margin in their cones are those of cones that begin further inside: f = C k
-    + e a, k >= 0, a along the normals.
+    Forces with the margin e are in cones that are shifted inwards: f = C k + e a, k >= 0, with a
+    along the normals.
     """
 
     def __init__(
@@ -38,12 +38,12 @@ class ContactProgram:
         """Add the rows of the largest normal forces; the variables are k in N, u, x and e.
 
         Args:
-            problem: Whose contacts and J are those of all points of the path.
+            problem: A problem with the contacts and J of all points of the path.
             limits: (lower, upper) of the motors' torques, each (L,).
-            margin: That contact forces keep, N.
+            margin: Required margin of contact forces, N.
         """
         self._problem, self._limits, self._margin = problem, limits, margin
-        # Faces have one slope in a cone: along the normal each is left at the same rate.
+        # All faces of a cone have one slope: the distance to each grows alike along the normal.
         slopes = -(problem.H.T @ problem.N).min(axis=0)
         depths = np.where(problem.has_cone, 1.0 / np.where(problem.has_cone, slopes, 1.0), 1.0)
         self._forces = np.column_stack(
@@ -62,15 +62,15 @@ class ContactProgram:
     def polygon(
         self, wrench: FloatArray, torques: FloatArray, most: float
     ) -> tuple[FloatArray, FloatArray] | None:
-        """Return rows (k, 2) and sides (k,) of (u, x) for which there are contact forces.
+        """Return rows A (k, 2) and sides b (k,): A (u, x) <= b is where contact forces exist.
 
-        The polygon is that of corners which are found between those that are farthest along the
-        axes: it lies inside all such (u, x), by a thousandth of their ranges at most.
+        It is an inner approximation: the convex hull of extreme points, off by a thousandth of the
+        ranges of u and x at most. None: there are no contact forces for any (u, x).
 
         Args:
-            wrench: (6, 3) external and inertial wrench in the problem's axes, as a sum of
-                (1, u, x).
-            torques: (L, 3) what the motors bear besides the contacts, likewise.
+            wrench: (6, 3) coefficients of (1, u, x) in the external and inertial wrench, in the
+                problem's axes.
+            torques: (L, 3) those in the motors' torques without contact forces, likewise.
             most: Largest x.
         """
         low, high = [-_MOST_ACCELERATION, 0.0], [_MOST_ACCELERATION, most]
@@ -93,7 +93,7 @@ class ContactProgram:
     def margin(
         self, wrench: FloatArray, torques: FloatArray, u: float, x: float
     ) -> tuple[float, tuple[int, ...]]:
-        """Return the largest margin at (u, x), N, and the contacts with no more room.
+        """Return the largest margin at (u, x), N, and the contacts whose slack is that margin.
 
         The first two arguments are those of `polygon`.
         """
@@ -118,7 +118,7 @@ class ContactProgram:
     def _corners_between(
         self, first: FloatArray, second: FloatArray, box: FloatArray, depth: int = _MOST_HALVINGS
     ) -> list[FloatArray]:
-        """Return the corners between two that follow each other counterclockwise."""
+        """Return the corners between two neighbouring ones, counterclockwise."""
         side = (second - first) / box
         length = float(np.linalg.norm(side))
         if length <= _NEAR_SIDE or not depth:
@@ -134,7 +134,7 @@ class ContactProgram:
         ]
 
     def _farthest_corner(self, d: FloatArray) -> FloatArray | None:
-        """Return the (u, x) that is farthest along a direction."""
+        """Return the feasible (u, x) that is farthest along a direction; None: there is none."""
         cost = np.zeros(len(self._low))
         cost[-3:-1] = -d / np.linalg.norm(d)
         self._simplex.set_cost(cost)
@@ -149,14 +149,14 @@ class ContactProgram:
         most: Sequence[float],
         margin: float,
     ) -> None:
-        """Put the balance of a point of the path in the place of the one before.
+        """Replace the balance and the bounds by those of a point of the path.
 
         Args:
             wrench: See `polygon`.
             torques: See there.
-            least: Of (u, x).
-            most: Of (u, x).
-            margin: That forces keep at least, N.
+            least: Lower bounds of (u, x).
+            most: Upper bounds of (u, x).
+            margin: Smallest margin of the forces, N.
         """
         problem = self._problem
         self._simplex.drop_rows(self._rows, self._simplex.row_count)
@@ -174,7 +174,7 @@ class ContactProgram:
 def motor_limits(
     problem: QuasistaticProblem, torques: ArrayLike | Mapping[str, float] | None
 ) -> tuple[FloatArray, FloatArray]:
-    """Return (lower, upper), each (L,), of the motors' torques; the same where they are told.
+    """Return (lower, upper), each (L,), of the motors' torques; both are the given ones if any.
 
     Raises:
         ArgumentError: Naming the motors.

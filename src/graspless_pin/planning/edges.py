@@ -1,7 +1,7 @@
-"""Whether a planner may use a state, or a motion from one to another, as its edges are.
+"""Validity of states, and of motions between two states: the edges of a planner.
 
-From one pose to another the object goes by a screw motion: with one twist, which turns and slides
-along an axis.
+Between two poses the object follows a screw motion: a rotation about an axis with a translation
+along it.
 """
 
 from __future__ import annotations
@@ -32,20 +32,20 @@ _NO_BODIES = PlacedBodies.of(())
 
 @dataclass(frozen=True, eq=False, repr=False)
 class StateValidity(Brief):
-    """Whether a state is valid, and by how much.
+    """Whether a state is valid, with margin, clearance and distances to joint limits.
 
     Attributes:
-        reasons: All that speaks against the state; none where it is valid.
+        reasons: All reasons why the state is not valid; none where it is.
         message: The same in words, with names and figures, a line for each reason.
-        margin: The largest margin that torques within the limits reach, N; -inf where nothing
-            holds the object, NaN where no margin is asked for.
+        margin: The largest margin within the torque limits, N; -inf where no torques hold the
+            object, NaN where no margin is required.
         clearance: Least distance of bodies that shall not touch, m, negative where they overlap;
             infinite where there are no such bodies. See `Evaluator.validity`.
         closest: The names of these two bodies; empty where there are none.
         joint_names: The a joints of a configuration.
         joint_units: ``rad`` or ``m`` of each.
-        joint_distances: (a,) how far each is from its nearer limit, rad or m; negative outside,
-            infinite without limits.
+        joint_distances: (a,) distance of each joint from its nearer limit, rad or m; negative
+            outside, infinite without limits.
 
     Examples:
         >>> from graspless_pin import Evaluator, load_scene
@@ -69,7 +69,7 @@ class StateValidity(Brief):
 
     @property
     def valid(self) -> bool:
-        """Whether nothing speaks against the state."""
+        """Whether there is no reason against the state."""
         return not self.reasons
 
     def __str__(self) -> str:
@@ -90,7 +90,7 @@ class StateValidity(Brief):
 
 
 def required_margin(margin: float | None, own: float) -> float:
-    """Return the margin that is asked for, N; None: the evaluator's own; -inf: none is.
+    """Return the required margin, N; None: the evaluator's own; -inf: none is required.
 
     Raises:
         ArgumentError: If it is negative or no number.
@@ -116,7 +116,7 @@ def state_validity(
             faults.append((status, text))
         elif status is not StateStatus.FOUND:
             faults.append((status, status.message))
-    # Given contacts say where the object touches.
+    # With given contacts the object's clearance is not computed.
     moved = scene.object.placed_bodies if scene.given_contacts is None else _NO_BODIES
     depth, gap = scene.max_penetration, scene.contact_tolerance
     nearest = least_clearance(scene.hand, scene.supports, moved, depth, gap)
@@ -162,7 +162,7 @@ class ScrewMotion(NamedTuple):
 
     @property
     def lengths(self) -> tuple[float, float]:
-        """How far the centre of mass goes, m, and how far the body turns, rad."""
+        """Length of the twist's translation of the centre of mass, m, and its rotation, rad."""
         velocity, turn = np.split(self.start_twist, 2)
         return float(np.linalg.norm(velocity)), float(np.linalg.norm(turn))
 
@@ -212,18 +212,18 @@ def segment_twist(
 RESOLUTION = 1e-3, 0.01
 """m, rad."""
 _COARSE_STEP = 8
-"""States are looked at so many resolutions apart where contacts are the same."""
+"""Distance of states in resolutions where contacts are the same."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class MotionFault(Brief):
-    """Where a motion between two states stops being valid: `Evaluator.first_invalid` finds it.
+    """The first invalid state of a motion between two states, see `Evaluator.first_invalid`.
 
     Attributes:
-        fraction: Of the way at which the first state that is not valid was found, 0 to 1.
-        validity: Of that state, moving as the motion does there.
-        last_valid: Fraction at which the state before was valid, no more than the resolution
-            before; None: the motion begins in a state that is not valid.
+        fraction: Its fraction of the motion, 0 to 1.
+        validity: Its validity, with the twist of the motion there.
+        last_valid: Fraction of the last valid state, at most the resolution before; None: the first
+            state of the motion is not valid.
 
     Examples:
         >>> import numpy as np
@@ -247,12 +247,12 @@ class MotionFault(Brief):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class MotionMargins(Brief):
-    """Margins along a motion between two states: `Evaluator.motion_margins` finds them.
+    """Margins along a motion between two states, see `Evaluator.motion_margins`.
 
     See the example of `MotionFault`.
 
     Attributes:
-        fractions: (K,) of the way, increasing from 0; the last is 1 where the motion is valid, 0
+        fractions: (K,) of the motion, increasing from 0; the last is 1 where the motion is valid; 0
             alone where nothing moves.
         margins: (K,) largest margins there, N; the last is -inf where the motion is not valid.
     """
@@ -270,12 +270,13 @@ class EdgeState(NamedTuple):
     """A state on an edge.
 
     Attributes:
-        fraction: Of the way, 0 to 1.
-        valid: Whether nothing speaks against it.
-        contacts: What touches and slides; equal only where the contacts are the same.
-        query: The state as `Evaluator.evaluate` takes it.
-        posed: Its scene and problem; None of an object that moves with a link: in the hand nothing
-            changes, and yes or no is all that was asked for.
+        fraction: Of the motion, 0 to 1.
+        valid: Whether it is valid.
+        contacts: Key of the touching bodies and of which contacts slide: equal only if the contacts
+            are the same.
+        query: The arguments of `Evaluator.evaluate` for this state.
+        posed: Its scene and problem; None for an object that moves with a link: its contacts are
+            constant, and only the validity is computed.
     """
 
     fraction: float
@@ -286,10 +287,10 @@ class EdgeState(NamedTuple):
 
 
 class Edge:
-    """The motion between two states, and what is known of the states on it.
+    """The motion between two states, with the states on it that have been evaluated.
 
     Attributes:
-        narrow: The resolution as a share of the way, infinite where nothing moves.
+        narrow: The resolution as a share of the motion, infinite where nothing moves.
     """
 
     def __init__(
@@ -300,13 +301,13 @@ class Edge:
         required: float,
         resolution: tuple[float, float],
     ) -> None:
-        """Take what `Evaluator.first_invalid` is given.
+        """Prepare the motion: see `Evaluator.first_invalid`.
 
         Args:
-            solver: Looks at states.
+            solver: Evaluates states.
             configurations: At the start and at the end.
             poses: Likewise.
-            required: The margin, N; -inf: none is asked for.
+            required: The required margin, N; -inf: none.
             resolution: m and rad.
         """
         self._solver, self._required = solver, required
@@ -331,16 +332,16 @@ class Edge:
         self._seen: dict[float, EdgeState] = {}
 
     def state(self, fraction: float) -> EdgeState:
-        """Return the state at a fraction of the way, looked at once."""
-        found = self._seen.get(fraction)
-        if found is None:
-            found = self._seen[fraction] = self._evaluated_state(fraction)
-        return found
+        """Return the state at a fraction of the motion; each is evaluated once."""
+        state = self._seen.get(fraction)
+        if state is None:
+            state = self._seen[fraction] = self._evaluated_state(fraction)
+        return state
 
     def states(self) -> Iterator[EdgeState]:
-        """Yield states in the order of the way, up to the first that is not valid.
+        """Yield states in order, up to the first that is not valid.
 
-        They are closer where contacts change, and where the first is that is not valid.
+        They are closer together where contacts change, and before the first invalid state.
         """
         before = self.state(0.0)
         yield before
@@ -352,7 +353,7 @@ class Edge:
                 yield state
 
     def _states_up_to(self, before: EdgeState, after: EdgeState) -> Iterator[EdgeState]:
-        """Yield the states after a valid one, up to another or to the first that is not valid."""
+        """Yield states after a valid one up to ``after``, or up to the first that is not valid."""
         alike = after.valid and before.contacts == after.contacts
         if alike or after.fraction - before.fraction <= self.narrow:
             yield after
@@ -363,7 +364,7 @@ class Edge:
             yield from self._states_up_to(middle, after)
 
     def fault(self) -> MotionFault | None:
-        """Return where the motion is not valid first; None: nowhere."""
+        """Return the first invalid state of the motion; None: it is valid."""
         before = None
         for state in self.states():
             if not state.valid:
@@ -373,9 +374,9 @@ class Edge:
         return None
 
     def margins(self) -> MotionMargins:
-        """Return the largest margins along the motion, as far as it is valid."""
-        found = [(state.fraction, self._margin(state)) for state in self.states()]
-        fractions, margins = np.array(found).T
+        """Return the largest margins along the motion, up to its first invalid state."""
+        pairs = [(state.fraction, self._margin(state)) for state in self.states()]
+        fractions, margins = np.array(pairs).T
         return MotionMargins(read_only(fractions.copy()), read_only(margins.copy()))
 
     def _margin(self, state: EdgeState) -> float:
@@ -392,19 +393,19 @@ class Edge:
             reached = solver.reaches(q, None, None, self._required)
             return EdgeState(fraction, reached, (), (q, None, None))
         query = q, *self._screw.at(fraction)
-        found = solver.posed(*query, solve=solve)
-        if self._ends_by_touching(fraction, found):
+        posed = solver.posed(*query, solve=solve)
+        if self._ends_by_touching(fraction, posed):
             query = *query[:2], np.zeros(6)
-            found = solver.posed(*query, solve=solve)
+            posed = solver.posed(*query, solve=solve)
         contacts = ()
-        if found.problem is not None:
-            carrying = found.scene.contacts
+        if posed.problem is not None:
+            carrying = posed.scene.contacts
             contacts = carrying.bodies, carrying.sliding.any(axis=1).tobytes()
-        return EdgeState(fraction, solver.holds(found, self._required), contacts, query, found)
+        return EdgeState(fraction, solver.holds(posed, self._required), contacts, query, posed)
 
-    def _ends_by_touching(self, fraction: float, found: PosedScene) -> bool:
-        """Return whether a motion that runs into something ends with that."""
-        if not found.faults or found.faults[0][0] is not StateStatus.BLOCKED:
+    def _ends_by_touching(self, fraction: float, posed: PosedScene) -> bool:
+        """Return whether a blocked state is so near the end that the motion ends by touching."""
+        if not posed.faults or posed.faults[0][0] is not StateStatus.BLOCKED:
             return False
         velocity, turn = self._screw.lengths
         remaining = (1.0 - fraction) * (velocity + self._object_reach * turn)
@@ -412,5 +413,5 @@ class Edge:
 
     @cached_property
     def _object_reach(self) -> float:
-        """How far the object reaches from its centre of mass, m."""
+        """Largest distance of the object's surface from its centre of mass, m."""
         return reach_of(self._solver.configurations.scene.object)

@@ -1,4 +1,4 @@
-"""What an evaluator returns for one state, and what can be wrong with a state."""
+"""The answer of an evaluator for one state, and the statuses of states."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ if TYPE_CHECKING:
 
 
 class StateStatus(Enum):
-    """What is known of a state; the value is the message. See the example of `Evaluator`.
+    """Status of a state; the value is the message. See the example of `Evaluator`.
 
-    ``BELOW_MARGIN`` is said by `Evaluator.validity` alone.
+    Only `Evaluator.validity` returns ``BELOW_MARGIN``.
     """
 
     FOUND = "torques were found"
@@ -58,11 +58,11 @@ class StateStatus(Enum):
 
 
 STATUSES = tuple(StateStatus)
-"""Arrays of many states hold places among these."""
+"""Arrays of many states hold indices into these."""
 
 
 class WarmAnswer(NamedTuple):
-    """The optimum of a state as loops carry it over: what is made of it is made when it is read.
+    """The optimum of a state from a warm start: the solution is made when it is first read.
 
     Attributes:
         objective: What was optimised.
@@ -70,8 +70,8 @@ class WarmAnswer(NamedTuple):
         optimum: The optimum.
         margin: N.
         torques: (L,) N m or N.
-        joint_names: Theirs.
-        joint_units: Likewise.
+        joint_names: L names of the torques.
+        joint_units: L units of the torques.
     """
 
     objective: Objective
@@ -85,12 +85,12 @@ class WarmAnswer(NamedTuple):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Evaluation(Brief):
-    """The answer for one state. That there is none is an answer, too: then ``found`` is False.
+    """The answer for one state, with or without torques: see ``found``.
 
     See the example of `Evaluator`.
 
     Attributes:
-        status: What is known.
+        status: The status.
         reason: Why there are no torques, with the bodies' names; empty if there are.
         scene: The scene in this state; where a joint is outside its limits, with the evaluator's
             own configuration.
@@ -121,12 +121,12 @@ class Evaluation(Brief):
 
     @property
     def has_contacts(self) -> bool:
-        """Whether the state was solved, found torques or not: else there is no solution."""
+        """Whether the state was solved, with or without torques: else there is no solution."""
         return self._found is not None
 
     @property
     def robust(self) -> RobustSolution | None:
-        """What was found for all members of an evaluator's uncertainty; None: it has none."""
+        """The solution for all members of an evaluator's uncertainty; None: it has none."""
         found = self._found
         return None if found is None or isinstance(found, TorqueSolution | WarmAnswer) else found
 
@@ -179,7 +179,7 @@ class Evaluation(Brief):
 
     @cached_property
     def margin(self) -> float:
-        """The margin e, N; -inf where there are no torques, so that it is below every demand."""
+        """The margin e, N; -inf where there are no torques: below every required margin."""
         return self._found.margin if self._found is not None and self.found else -np.inf
 
     @cached_property

@@ -49,17 +49,17 @@ class Evaluator:
 
     What does not depend on the state is made once: kinematic models, collision shapes, and, in the
     solver, the structure of the programs. The active constraints, the mode and the virtual motion
-    of the last answer with the same contacts are tried first, and proven like any answer; the
-    optimum does not depend on them, but where several sets of torques are equally good, which of
-    them is returned may.
+    of the last answer with the same contacts are tried first, and proven like any answer. The
+    optimum does not depend on them; where several sets of torques are equally good, which of them
+    is returned may.
 
     A state in which the object cannot be held, touches nothing, overlaps with something or is
-    driven into something is an answer with a status and a reason. So is one with a serious finding
-    of `Scene.findings`: the hand touches nothing, or its links are deeper than the scene's
+    driven into something has an answer with a status and a reason. So has one with a serious
+    finding of `Scene.findings`: the hand touches nothing, or its links are deeper than the scene's
     ``max_penetration`` in supports or in each other. A wrong argument is an error.
 
-    One evaluator may be shared by threads, and pickled for other processes; what it has learned
-    stays behind.
+    One evaluator may be shared by threads, and pickled for other processes; its warm starts are not
+    pickled.
 
     Attributes:
         scene: The scene that the states are of.
@@ -90,10 +90,10 @@ class Evaluator:
         uncertainty: Uncertainty | bool | None = None,
         **options: Unpack[SolveKeywords],
     ) -> None:
-        """Take the scene and the options of all solves; what is not given is the scene's own.
+        """Set the scene and the options of all solves; the scene's own are the defaults.
 
         Args:
-            scene: The scene; what `evaluate` is not told stays as it is there.
+            scene: The scene; what is not given to `evaluate` is as in it.
             algorithm: ``margin`` (Algorithm 1), ``torque`` (Algorithm 2) or another objective's
                 name.
             margin: The attribute `required_margin`.
@@ -111,12 +111,12 @@ class Evaluator:
                 the second body's axes, points out of the face of it that counts. Where a pair
                 touches along a face or a line in the scene itself, the corners of that stay where
                 they are on the first body. None: what touches is found in each state.
-            attached_to: Name of the link that the object moves with, in a hand that alone holds it
-                as in the scene; None: it moves with none. States are then configurations of all
-                joints but those behind the link.
-            uncertainty: What is not known exactly: then torques are one vector that serves the
-                whole set, and margins are those that all members keep, see `Scene.solve`. True:
-                what the scene says of it. None: the nominal scene.
+            attached_to: Name of the link that the object moves with, held by the hand alone as in
+                the scene; None: it moves with none. States are then configurations of all joints
+                but those behind the link.
+            uncertainty: What is not known exactly: then torques are one vector for the whole set,
+                and margins are those that all members keep, see `Scene.solve`. True: what the scene
+                says of it. None: the nominal scene.
             options: See `SolveOptions.parse`; and figures of another objective.
 
         Raises:
@@ -137,7 +137,7 @@ class Evaluator:
         self.scene = scene
         self.attached_to = attached_to
         how = objective_and_options(**chosen)
-        stated.pop("margin", None)  # `is_feasible` asks for it under any algorithm
+        stated.pop("margin", None)  # `is_feasible` needs it under any algorithm
         refuse_useless(stated, chosen.get("algorithm", "margin"))
         checks = StateChecks(collisions, need_hand)
         at: Configurations
@@ -153,16 +153,16 @@ class Evaluator:
         if uncertainty is None or uncertainty is False:
             self._solver = StateSolver(at, *how, checks)
         else:
-            # Loaded here: what is known exactly goes without.
+            # Imported here: only evaluators with an uncertainty need it.
             from graspless_pin.planning.uncertain_states import UncertainStateSolver
             from graspless_pin.scene.uncertain import stated_by
 
-            of = stated_by(scene) if uncertainty is True else uncertainty
-            self._solver = UncertainStateSolver(at, *how, checks, of)
+            unknowns = stated_by(scene) if uncertainty is True else uncertainty
+            self._solver = UncertainStateSolver(at, *how, checks, unknowns)
 
     @property
     def algorithm(self) -> Algorithm | None:
-        """What `evaluate` solves: Algorithm 1 or 2; None: another objective."""
+        """The algorithm of `evaluate`: 1 or 2; None: another objective."""
         return self._solver.objective.algorithm
 
     @property
@@ -177,7 +177,7 @@ class Evaluator:
 
     @property
     def joint_names(self) -> tuple[str, ...]:
-        """The a joints that a configuration given as an array is of.
+        """The a joints of a configuration given as an array, in this order.
 
         All movable joints of the hand in its order, without those that follow others.
         """
@@ -218,8 +218,8 @@ class Evaluator:
                 `joint_names`, rad or m; None: as in the scene.
             T_world_object: (4, 4) pose of the object; None: as in the scene.
             twist: (6,) [v; omega] of the object about its centre of mass, world axes, m/s and
-                rad/s, with the fingers moving along; or a `Motion`, which tells how the hand
-                moves; None: as in the scene; zeros: at rest.
+                rad/s, with the fingers moving along; or a `Motion`, with the hand's own motion;
+                None: as in the scene; zeros: at rest.
 
         Returns:
             Margin, torques and contacts, or why there are none.
@@ -241,7 +241,7 @@ class Evaluator:
         friction: ArrayLike | None = None,
         mass: float | None = None,
     ) -> PinnedState:
-        """Return gaps, margin and torques of a state with their gradients: what an optimiser needs.
+        """Return gaps, margin and torques of a state with their gradients, for optimisers.
 
         Args:
             q: See `evaluate`.
@@ -268,21 +268,22 @@ class Evaluator:
         workers: int | None = None,
         progress: Progress | None = None,
     ) -> EvaluatedStates:
-        """Solve for K states, in any order: what `evaluate` finds of each, as arrays.
+        """Solve for K states, in any order; return the results of `evaluate` as arrays.
 
-        Neither the order of the states nor the number of processes changes the optima; where many
-        torques are equally good, which of them comes out may, and under Algorithm 2 their margin.
+        The optima do not depend on the order of the states or on the number of processes; where
+        many torques are equally good, which of them is returned may, and under Algorithm 2 their
+        margin.
 
         Args:
             q: (K, a) positions of `joint_names`, rad or m, or K mappings; or what `evaluate` takes,
                 for all states.
             T_world_object: (K, 4, 4) poses of the object, m; or what `evaluate` takes.
             twist: (K, 6) twists, m/s and rad/s; or what `evaluate` takes.
-            evaluations: Numbers of the states of which the whole answer is kept, too.
-            workers: Processes that evaluate; 1: this one alone; None: more than this one
-                where the processor time of the first states tells that they pay, but no more than
+            evaluations: Numbers of the states whose whole `Evaluation` is returned, too.
+            workers: Number of processes; 1: this one alone; None: others, too, if the processor
+                time of the first states shows that they are worth their start, at most as many as
                 cores. They are kept ready for a minute.
-            progress: Called with the number of states that are done, and with K, now and then.
+            progress: Called now and then with the number of states that are done, and with K.
 
         Raises:
             ArgumentError: As for `evaluate`, with the state's number; or if not all arguments have
@@ -303,7 +304,7 @@ class Evaluator:
         workers: int | None = None,
         progress: Progress | None = None,
     ) -> NDArray[np.bool_]:
-        """Tell of K states what `is_feasible` tells of one: (K,).
+        """Return `is_feasible` of K states: (K,).
 
         The arguments, and what they may raise, are those of `evaluate_many`; ``margin`` is that of
         `is_feasible`.
@@ -320,11 +321,11 @@ class Evaluator:
         *,
         margin: float | None = None,
     ) -> bool:
-        """Tell whether a state is valid: it can be held with a margin within the torque limits.
+        """Decide whether a state is valid: it can be held with a margin within the torque limits.
 
-        It stops at the first thing that speaks against the state, and at the first proof: a mode
-        that reaches the margin, or a bound over all modes below it. That is cheaper than
-        `validity`, which tells all reasons, and than `evaluate`, which looks for the best mode.
+        It stops at the first reason against the state, and at the first proof: a mode that reaches
+        the margin, or a bound over all modes below it. That is cheaper than `validity`, which
+        returns all reasons, and than `evaluate`, which searches the best mode.
 
         Args:
             q: See `evaluate`.
@@ -334,7 +335,8 @@ class Evaluator:
 
         Returns:
             True with a proof; False also where a node or time limit ended the search before one,
-            for a state without contacts to hold the object by, and for one with a serious finding.
+            for a state without contacts that could hold the object, and for one with a serious
+            finding.
 
         Raises:
             ArgumentError: As for `evaluate`, or the margin is negative.
@@ -386,10 +388,10 @@ class Evaluator:
         margin: float | None = None,
         resolution: tuple[float, float] = RESOLUTION,
     ) -> bool:
-        """Tell whether the motion from one state to another is valid: an edge of a planner.
+        """Decide whether the motion from one state to another is valid: an edge of a planner.
 
-        The arguments, and what they may raise, are those of `first_invalid`, which finds nothing
-        where this says yes. The end is looked at first.
+        The arguments, and what they may raise, are those of `first_invalid`, which returns None
+        where this is true. The end is checked first.
         """
         edge = self._edge((q0, q1), (T0_world_object, T1_world_object), margin, resolution)
         return edge.state(1.0).valid and edge.fault() is None

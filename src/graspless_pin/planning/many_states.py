@@ -1,4 +1,4 @@
-"""Many states at once: in this process or in several, and arrays of what is found of them."""
+"""Evaluation of many states, in this process or in several, with results as arrays."""
 
 from __future__ import annotations
 
@@ -37,28 +37,27 @@ from graspless_pin.solution.tables import brief_figure
 Progress = Callable[[int, int], object]
 """Called with the number of states that are done, and with that of all."""
 Arrays = tuple[NDArray[Any], ...]
-"""Arrays with an entry for each of some states."""
+"""Arrays with an entry for each state."""
 
 _STATES_AT_ONCE = 1000
-"""States that are computed in one go: tens of milliseconds, long beside the way to a process."""
+"""States in one chunk: tens of milliseconds, long compared to the communication with a process."""
 _FIRST_STATES = 100, 400
-"""States that are computed here before processes are asked for: the first ones learn, too."""
+"""Sizes of the chunks that are computed here before processes are started."""
 _WORTH_A_PROCESS = 2.0
-"""Processor time (s) of work for which a process is used: it takes a second of it to start."""
+"""Processor time of work for each process, s: starting one takes a second of it."""
 _POSES_AT_ONCE = 4096
-"""Poses that are checked in one go: their products stay in the cache."""
+"""Poses that are checked at once: their products stay in the cache."""
 _DIMENSIONS = {"q": 2, "T_world_object": 3, "twist": 2}
-"""Of what has an entry for each state."""
+"""Dimensions of arrays with an entry for each state."""
 
 
 class StateArrays(NamedTuple):
-    """Some states.
+    """The arguments of `Evaluator.evaluate` for K states.
 
     Attributes:
         total: K.
-        each: What differs from state to state, by the arguments of `Evaluator.evaluate`: (K, a),
-            (K, 4, 4) or (K, 6).
-        common: What all of them share, likewise.
+        each: Arguments that differ from state to state, by name: (K, a), (K, 4, 4) or (K, 6).
+        common: Arguments that all states share, by name.
     """
 
     total: int
@@ -67,7 +66,7 @@ class StateArrays(NamedTuple):
 
     @property
     def configurations(self) -> FloatArray | None:
-        """(K, a), if nothing else is given."""
+        """(K, a) if only configurations are given, else None."""
         others = [*self.each, *(name for name, value in self.common.items() if value is not None)]
         return self.each["q"] if others == ["q"] else None
 
@@ -86,10 +85,10 @@ class StateArrays(NamedTuple):
 
 
 def checked_states(at: Configurations, q: Any, T_world_object: Any, twist: Any) -> StateArrays:
-    """Return states as they are given to `Evaluator.evaluate_many`.
+    """Check the states that are given to `Evaluator.evaluate_many`.
 
     Args:
-        at: The states that there are.
+        at: The possible states.
         q: See there.
         T_world_object: See there.
         twist: See there.
@@ -129,7 +128,7 @@ def checked_states(at: Configurations, q: Any, T_world_object: Any, twist: Any) 
 
 
 def _axis_count(value: Any) -> float:
-    """Return how many axes something has as an array; infinitely many if it is none."""
+    """Return the number of dimensions of a value as an array; infinity if it is none."""
     try:
         return np.ndim(value)
     except ValueError:  # rows of several lengths: what is wrong is said where numbers are read
@@ -139,11 +138,11 @@ def _axis_count(value: Any) -> float:
 def state_positions(
     array: Callable[[Any], FloatArray], state: str, q: Configuration | None
 ) -> FloatArray:
-    """Return (a,) positions of one of many states, in which an error says which.
+    """Return (a,) positions of one of many states; errors name the state.
 
     Args:
-        array: Makes an array of a configuration.
-        state: What errors call its argument ``q``.
+        array: Converts a configuration to an array.
+        state: Name of the argument ``q`` in errors.
         q: The configuration.
     """
     try:
@@ -153,7 +152,7 @@ def state_positions(
 
 
 def _state_array(name: str, value: Any, shape: tuple[int | None, ...]) -> FloatArray:
-    """Return finite numbers of a shape, without a copy where they are an array of them."""
+    """Return finite numbers of a shape, without a copy where they are such an array already."""
     if (
         isinstance(value, np.ndarray)
         and value.dtype == np.float64
@@ -183,15 +182,15 @@ def computed_arrays(
     workers: int | None,
     progress: Progress | None,
 ) -> Arrays:
-    """Return what is found of states, whichever process finds it.
+    """Return arrays of results of states, computed by one or several processes.
 
     Args:
-        compute: Finds it for some of them.
-        solver: Solves them.
+        compute: Computes them for some of the states.
+        solver: Solves the states.
         states: K states.
-        workers: Processes; 1: this one; None: as many as there are cores, as far as the processor
-            time of the states done by then tells that each saves more than its start takes.
-        progress: Is told how far it is; None: nobody is.
+        workers: Processes; 1: this one; None: up to the number of cores, if the processor time of
+            the first states shows that each saves more than its start takes.
+        progress: Called with the numbers of states that are done and of all; None: not called.
 
     Raises:
         ArgumentError: If ``workers`` is not a whole number from 1 on, or ``progress`` no function.
@@ -201,10 +200,10 @@ def computed_arrays(
         workers = whole_number("workers", workers, 1)
     called_back("progress", progress)
     whole: Arrays = ()
-    for chunk, found in _computed_chunks(compute, solver, states, workers):
+    for chunk, parts in _computed_chunks(compute, solver, states, workers):
         if not whole:
-            whole = tuple([np.empty((states.total, *a.shape[1:]), a.dtype) for a in found])
-        for array, part in zip(whole, found, strict=True):
+            whole = tuple([np.empty((states.total, *a.shape[1:]), a.dtype) for a in parts])
+        for array, part in zip(whole, parts, strict=True):
             array[chunk] = part
         if progress is not None:
             progress(min(chunk.stop, states.total), states.total)
@@ -217,7 +216,7 @@ def _computed_chunks(
     states: StateArrays,
     workers: int | None,
 ) -> Iterator[tuple[slice, Arrays]]:
-    """Yield chunks and what is found of them, in order."""
+    """Yield chunks of states and their results, in order."""
     done = 0
     if workers is None or workers == 1:
         for size in chain(_FIRST_STATES if workers is None else (), repeat(_STATES_AT_ONCE)):
@@ -243,7 +242,7 @@ def _found_by_processes(
     begin: int,
     workers: int,
 ) -> Iterator[tuple[slice, Arrays]]:
-    """Yield chunks from a state on and what processes find of them, in order."""
+    """Yield chunks from state ``begin`` on and their results from processes, in order."""
     size = min(_STATES_AT_ONCE, max(1, -(-(states.total - begin) // (4 * workers))))
     ends = [*range(begin, states.total, size), states.total]
     chunks = [slice(*ends[k : k + 2]) for k in range(len(ends) - 1)] or [slice(0, 0)]
@@ -254,7 +253,7 @@ def _found_by_processes(
 
 @dataclass(frozen=True, eq=False, repr=False)
 class EvaluatedStates(Record):
-    """What `Evaluator.evaluate_many` found of K states; all arrays are read-only.
+    """Results of `Evaluator.evaluate_many` for K states; all arrays are read-only.
 
     Attributes:
         torque_names: L names of all torques that any state may have.
@@ -265,13 +264,13 @@ class EvaluatedStates(Record):
             there are none.
         contact_counts: (K,) number of contacts that carry force; 0 where there is no problem.
         bounds: (K,) proven bound on the optimum over all modes, see `Certificate.bound`; where
-            nothing is found it is that of the search, NaN where there is no problem.
-        gaps: (K,) distance of what was found from that bound, same unit; NaN where nothing was.
-        residuals: (K,) largest violation of a constraint by the forces behind the torques, scaled,
-            see `Certificate.primal_residual`; NaN where nothing was found.
-        coverages: (K,) the `Coverage` of each: which members of the evaluator's uncertainty the
-            answer is proven for; None where it has none, or there is no problem.
-        evaluations: The whole answer by number of the state, for those that were asked for.
+            there are no torques it is that of the search, NaN where there is no problem.
+        gaps: (K,) distance of the optimum from that bound, same unit; NaN without torques.
+        residuals: (K,) largest violation of a constraint by the contact forces of the torques,
+            scaled, see `Certificate.primal_residual`; NaN without torques.
+        coverages: (K,) the `Coverage` of each: for which members of the evaluator's uncertainty the
+            answer is proven; None where there is no uncertainty or no problem.
+        evaluations: The whole answers by number of the state, for the requested states.
 
     Examples:
         >>> import numpy as np
@@ -310,7 +309,7 @@ class EvaluatedStates(Record):
         return f"<EvaluatedStates: {str(self).partition(chr(10))[0]}>"
 
     def __str__(self) -> str:
-        """Return how many states ended how, and the range of the margins."""
+        """Return the number of states of each status, and the range of the margins."""
         counts = Counter(self.statuses.tolist()).most_common()
         lines = [f"{len(self)} states"]
         lines += [f"{count:>{len(str(len(self)))}}: {status.message}" for status, count in counts]
@@ -328,7 +327,7 @@ def evaluated_states(
     workers: int | None,
     progress: Progress | None,
 ) -> EvaluatedStates:
-    """Return what is found of states: see `Evaluator.evaluate_many`."""
+    """Return the results of states: see `Evaluator.evaluate_many`."""
     if not np.iterable(kept):
         raise ArgumentError("evaluations", f"needs the numbers of states, got {kept!r:.60}")
     whole = [whole_number("evaluations", number, 0, states.total - 1) for number in kept]
@@ -349,7 +348,7 @@ def evaluated_states(
 
 
 def solved_figures(solver: StateSolver, states: StateArrays) -> StateFigures:
-    """Solve states: by loops where they can, else one after the other."""
+    """Solve states, in compiled loops where possible, else one after the other."""
     names = tuple(possible_columns(solver.configurations.scene.hand))
     found = StateFigures.empty(states.total, len(names))
 
@@ -361,7 +360,7 @@ def solved_figures(solver: StateSolver, states: StateArrays) -> StateFigures:
 
 
 def _loop_states(solver: StateSolver, states: StateArrays) -> FloatArray | None:
-    """Return (K, a) the configurations that loops are asked for; None: each state goes alone."""
+    """Return the configurations (K, a) for compiled loops; None: states are solved one by one."""
     return states.configurations if solver.uncertainty is None else None
 
 
@@ -379,7 +378,7 @@ def feasible_states(
 
 
 def decided_states(solver: StateSolver, states: StateArrays, margin: float) -> Arrays:
-    """Decide on states: by loops where they can, else one after the other."""
+    """Decide which states are feasible, in loops where possible, else one after the other."""
     feasible = np.zeros(states.total, dtype=bool)
 
     def alone(number: int, clear: bool) -> None:
@@ -388,10 +387,10 @@ def decided_states(solver: StateSolver, states: StateArrays, margin: float) -> A
     found = StateFigures.empty(
         states.total, len(possible_columns(solver.configurations.scene.hand))
     )
-    q = _loop_states(solver, states) if margin >= 0.0 else None  # below zero none is asked for
+    q = _loop_states(solver, states) if margin >= 0.0 else None  # below zero: none is required
     solver.loops.optima_of_states(q, Margin(), found, alone, margin)
     looped = found.contact_counts > 0
     _, value, _, _, _, unit = found.figures[looped].T
-    reached = [is_reached(*one, margin) for one in zip(value.tolist(), unit.tolist(), strict=True)]
+    reached = [is_reached(*row, margin) for row in zip(value.tolist(), unit.tolist(), strict=True)]
     feasible[looped] = reached
     return (feasible,)

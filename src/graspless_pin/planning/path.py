@@ -25,19 +25,19 @@ from graspless_pin.scene import Scene
 from graspless_pin.solution.tables import brief_figure, counted
 
 PATH_REGULARIZATION = 1e-4
-"""Enough to make torques continuous; costs the paper's cuboid 1e-5 N of 1.65 N of margin."""
+"""Makes torques continuous; costs the paper's cuboid 1e-5 N of 1.65 N of margin."""
 _SAME_MOTION = 1e-6
-"""Directions of twists that differ by less are one; the step between two poses is rounded."""
+"""Twists whose directions differ by less are the same: the step between two poses is rounded."""
 
 
 @dataclass(frozen=True, eq=False)
 class Waypoint:
-    """One state on a path; what is None is as in the scene.
+    """One state on a path; values that are None are as in the scene.
 
     Attributes:
         q: Hand configuration as `Evaluator.evaluate` takes it, rad or m.
         T_world_object: (4, 4) pose of the object, m.
-        time: When it is passed, s; None for all waypoints: one second for each segment.
+        time: Time at which it is passed, s; None for all waypoints: one second for each segment.
 
     Examples:
         >>> from graspless_pin import Waypoint, evaluate_path, load_scene
@@ -54,7 +54,7 @@ class Waypoint:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PathProfile(Brief):
-    """What was found at the K waypoints of a path. See the example of `evaluate_path`.
+    """Margins and torques at the K waypoints of a path. See the example of `evaluate_path`.
 
     Attributes:
         hand: The hand that moves, in the scene's configuration; None without one.
@@ -64,16 +64,16 @@ class PathProfile(Brief):
         object_poses: (K, 4, 4) ``T_world_object``, m.
         twists: (K, 6) [v; omega] of the object about its centre of mass, m/s and rad/s, world axes:
             of the segment that begins at the waypoint; at the last one, of the one that ends.
-        evaluations: K answers, each moving like ``twists``.
-        arrivals: K answers for the motion that ends at the waypoint; that of ``evaluations``
-            wherever the motion goes on as it came, or ends by touching a body.
+        evaluations: K answers with these twists.
+        arrivals: K answers with the twists of the segments that end at the waypoints; those of
+            ``evaluations`` where the direction does not change, or the motion ends by touching.
         torque_names: L names of all torques that occur.
         torque_units: L units.
         torques: (K, L) motor torques, N m (N for prismatic and hybrid joints, tendons); NaN where
             there are none.
         margins: (K,) N, -inf where there are no torques.
         arrival_margins: (K,) the same of ``arrivals``.
-        contact_changes: Where contacts appear, vanish, begin or cease to slide.
+        contact_changes: Where contacts appear, vanish, start or stop sliding.
     """
 
     hand: Hand | None
@@ -123,7 +123,7 @@ class PathProfile(Brief):
         return tuple(item.stability(**options) if item.found else None for item in self.evaluations)
 
     def __str__(self) -> str:
-        """Return a short account, a line for each thing that happens."""
+        """Return a summary, with a line for each contact change and each failure."""
         summary = "not feasible"
         if self.found:
             largest = float(np.abs(self.margins).max())
@@ -157,10 +157,10 @@ def evaluate_path(
 ) -> PathProfile:
     """Evaluate every waypoint of a path, moving as the path moves.
 
-    The object's twist at a waypoint is that of the screw motion to the next waypoint, so contacts
-    slide, stick and part as the path says; fingers move along with the object. A change from one
-    kind of motion to another needs a waypoint of its own, which is solved for both: torques are
-    those of the motion that follows, the smallest margin is that of either.
+    The object's twist at a waypoint is that of the screw motion to the next waypoint, which decides
+    which contacts slide, stick and part; fingers move along with the object. A change of the motion
+    needs a waypoint of its own, which is solved for both motions: torques are those of the one that
+    follows, the smallest margin is the smaller of both.
 
     Args:
         evaluator: An evaluator, or a scene for one with the scene's own options.
@@ -203,17 +203,17 @@ def evaluate_path(
     own = evaluator.scene.object.T_world_object
     given = [own if item.T_world_object is None else item.T_world_object for item in waypoints]
     poses = np.array([as_pose(f"waypoints[{k}].T_world_object", T) for k, T in enumerate(given)])
-    asked = [(f"waypoints[{k}].q", item.q) for k, item in enumerate(waypoints)]
-    positions = np.array([state_positions(evaluator.configuration, *one) for one in asked])
+    named = [(f"waypoints[{k}].q", item.q) for k, item in enumerate(waypoints)]
+    positions = np.array([state_positions(evaluator.configuration, *pair) for pair in named])
     arriving, twists = _waypoint_twists(poses, times, evaluator.scene.object.center_of_mass)
     evaluations, arrivals = [], []
     for item, pose, before, after in zip(waypoints, poses, arriving, twists, strict=True):
-        came = evaluator.evaluate(item.q, pose, before)
+        arrival = evaluator.evaluate(item.q, pose, before)
         goes_on = _is_same_motion(before, after)
-        leaves = came if goes_on else evaluator.evaluate(item.q, pose, after)
-        evaluations.append(leaves)
+        departure = arrival if goes_on else evaluator.evaluate(item.q, pose, after)
+        evaluations.append(departure)
         # A motion that ends by touching a body is not driven into it.
-        arrivals.append(leaves if came.status is StateStatus.BLOCKED else came)
+        arrivals.append(departure if arrival.status is StateStatus.BLOCKED else arrival)
     units = {name: unit for item in evaluations for name, unit in item.joint_units.items()}
     names = tuple(units)
     torques = np.full((len(waypoints), len(names)), np.nan)
@@ -262,9 +262,9 @@ def _waypoint_times(waypoints: Sequence[Waypoint]) -> FloatArray:
 def _waypoint_twists(
     poses: FloatArray, times: FloatArray, center_of_mass: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """(K, 6) twists before and after the waypoints, about the centre of mass.
+    """Return (K, 6) twists before and (K, 6) after the waypoints, about the centre of mass.
 
-    The first waypoint is arrived at as it is left, and the last one left as it is arrived at.
+    Both are the same at the first and at the last waypoint.
     """
     before, after = np.zeros((2, len(poses), 6))
     for k in range(len(poses) - 1):
@@ -277,7 +277,7 @@ def _waypoint_twists(
 
 
 def _is_same_motion(before: FloatArray, after: FloatArray) -> bool:
-    """Return whether two twists are the same but for speed and rounding."""
+    """Return whether two twists have the same direction up to rounding, or both are zero."""
     sizes = np.linalg.norm(before), np.linalg.norm(after)
     if not all(sizes):
         return not any(sizes)
@@ -292,16 +292,16 @@ def _counted_names(names: Sequence[str]) -> str:
 
 @dataclass(frozen=True)
 class ContactChange:
-    """How the contacts of a waypoint differ from those of the one before.
+    """The difference of the contacts at a waypoint from those at the one before.
 
     Torques may jump here, and only here. See the example of `evaluate_path`.
 
     Attributes:
         waypoint: Index of the waypoint with the new contacts.
-        gained: Hand links and supports, a name for each contact that was not there.
-        lost: The same for contacts that are gone.
-        starts_sliding: The same for contacts that slide now and did not.
-        stops_sliding: The same for contacts that slid and do not now.
+        gained: Hand links and supports, one name for each new contact.
+        lost: The same for each contact that no longer exists.
+        starts_sliding: The same for each contact that starts sliding.
+        stops_sliding: The same for each contact that stops sliding.
     """
 
     waypoint: int
@@ -312,7 +312,7 @@ class ContactChange:
 
 
 def contact_changes(evaluations: Sequence[Evaluation]) -> tuple[ContactChange, ...]:
-    """Return where the contacts differ from those of the waypoint before."""
+    """Return the changes of contacts between waypoints that follow each other."""
     changes = []
     before = _contact_counts(evaluations[0])
     for k, evaluation in enumerate(evaluations[1:], start=1):
@@ -332,7 +332,7 @@ def contact_changes(evaluations: Sequence[Evaluation]) -> tuple[ContactChange, .
 
 
 def _contact_counts(evaluation: Evaluation) -> tuple[Counter[str], Counter[str]]:
-    """Contacts by body, and those of them that slide."""
+    """Return the numbers of contacts by body, and of those that slide."""
     if not evaluation.has_contacts:
         return Counter(), Counter()
     contacts = evaluation.contacts

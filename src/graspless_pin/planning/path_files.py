@@ -1,4 +1,4 @@
-"""Paths for and of other programs: CSV tables of waypoints, and message-like joint trajectories."""
+"""Exchange of paths: CSV tables of waypoints, and joint trajectories in the form of messages."""
 
 from __future__ import annotations
 
@@ -28,18 +28,18 @@ _UNITS = ("_rad", "_m")
 _SEPARATORS = {";": "semicolons", "\t": "tabs"}
 _STATED_UNIT = re.compile(r"\s*[\[(]\s*(deg|degrees|°|rad|m|cm|mm|s|ms)\s*[\])]\s*$")
 _LIKE_COLUMN = 0.8
-"""Of a column that is read: one that is not there, and was probably meant."""
+"""Similarity to the name of a missing column from which a misspelling is suspected."""
 _NORM_ERROR = 1e-3
-"""By how much the norm of a rounded quaternion may differ from 1."""
+"""Largest deviation of the norm of a rounded quaternion from 1."""
 
 
 def read_path_csv(path: str | Path) -> tuple[Waypoint, ...]:
-    """Read the waypoints of a table: one that `write_path_csv` has written, or of another program.
+    """Read the waypoints of a table, written by `write_path_csv` or by another program.
 
     The first row names the columns. Those that are read are ``time_s``, the object's pose
     ``object_x_m``, ``object_y_m``, ``object_z_m``, ``object_qx``, ``object_qy``, ``object_qz``,
     ``object_qw``, and ``position_<joint>_rad`` or ``position_<joint>_m`` of joints; all others are
-    passed over. Time, pose and joints may each be left out: they are then as in `Waypoint`.
+    ignored. Time, pose and joints may each be left out: the defaults are those of `Waypoint`.
 
     Args:
         path: The file.
@@ -107,7 +107,7 @@ def read_path_csv(path: str | Path) -> tuple[Waypoint, ...]:
 
 
 def _check_columns(path: str | Path, names: Sequence[str]) -> None:
-    """Refuse columns with units in brackets, and those that are nearly one that is read."""
+    """Refuse duplicates, columns with units in brackets, and misspelled names of known columns."""
     missing = [name for name in (_TIME, *_POSE) if name not in names]
     for index, name in enumerate(names):
         if name and name in names[:index]:
@@ -192,10 +192,10 @@ def write_path_csv(profile: PathProfile, path: str | Path) -> None:
     """Write a profile as a table with a row for each waypoint and units in the column names.
 
     The columns are time, status, margin, margin in the motion that ends there, whether the contacts
-    differ from the row before, what touches (a name for each contact, separated by blanks), the
-    object's position and quaternion (x, y, z, w), and position and torque of each joint. Numbers
-    are written with all their digits; where there are no torques the cells are empty. An existing
-    file is replaced.
+    differ from the row before, the touching bodies (a name for each contact, separated by blanks),
+    the object's position and quaternion (x, y, z, w), and position and torque of each joint.
+    Numbers are written with all their digits; where there are no torques the cells are empty. An
+    existing file is replaced.
 
     Args:
         profile: The profile.
@@ -309,5 +309,5 @@ def joint_trajectory(profile: PathProfile | PathTiming) -> dict[str, Any]:
 
 
 def _number_cells(values: Any) -> list[str]:
-    """Numbers with all their digits, empty where there is none."""
+    """Return numbers as text with all their digits; empty where they are not finite."""
     return [repr(float(value)) if np.isfinite(value) else "" for value in values]

@@ -1,8 +1,8 @@
-"""The fastest timing of an arm's path that does not lose what its hand holds.
+"""The fastest timing of an arm's path for which contact forces hold the object in its hand.
 
 Time-optimal path parametrisation by reachability analysis (TOPP-RA: H. Pham, Q.-C. Pham, 2018).
-With s the way along the path, u = s'' and x = s'^2, inertial forces are linear in (u, x). At each
-point of the path the pairs for which contact forces exist are a polygon: the rows of the contacts.
+With s the length along the path, u = s'' and x = s'^2, inertial forces are linear in (u, x). At
+each point of the path the (u, x) for which contact forces exist form a polygon.
 """
 
 from __future__ import annotations
@@ -31,41 +31,41 @@ from graspless_pin.scene.load_wrenches import object_wrench
 from graspless_pin.suggestions import names_in_words
 
 _FASTEST_PATH = 1e3
-"""Along the path, rad/s: where no joint that moves has a limit."""
+"""Largest speed along the path where no moving joint has a velocity limit, rad/s."""
 _NEAR_LIMIT = 1e-3
-"""Of a limit, or of the box around the polygon: what is nearer limits."""
+"""Relative slack below which a limit counts as reached."""
 
 
 class TimingLimit(StrEnum):
-    """What keeps a path from being followed faster. See the example of `fastest_timing`."""
+    """The limit that a timing reaches at a point. See the example of `fastest_timing`."""
 
     VELOCITY = "joint velocity"
     ACCELERATION = "joint acceleration"
     TORQUE = "joint torque"
     CONTACTS = "contacts"
     NOTHING = "nothing"
-    """Only that speeds before or after are limited."""
+    """None here: only speeds before or after are limited."""
 
 
 @dataclass(frozen=True, eq=False)
 class PathTiming(Record):
     """The fastest timing of a path. See the example of `fastest_timing`.
 
-    Where there is none, arrays have the points of the path and no times: NaN.
+    Without a timing the arrays have the points of the path, and times and rates are NaN.
 
     Attributes:
-        reason: Why there is none; empty: there is one.
+        reason: Why there is no timing; empty: there is one.
         joint_names: a joints, those of `Evaluator.joint_names` with the same ``attached_to``.
         times: (N,) s, from rest to rest.
         speeds: (N,) along the path, rad/s (the length of joints' velocities).
         positions: (N, a) rad or m.
         velocities: (N, a) rad/s or m/s.
-        accelerations: (N, a) from this point on, rad/s^2 or m/s^2.
+        accelerations: (N, a) in the interval that begins at the point, rad/s^2 or m/s^2.
         margins: (N,) largest margin of contact forces at these accelerations under plain Coulomb
             friction, N.
-        limits: N limits that the timing is at there, or at the end of the interval that begins.
-        limiting_contacts: At each point the contacts that have no more room than the margin.
-        bodies: What touches the object, by contact.
+        limits: N limits that the timing reaches at the point, or at the end of that interval.
+        limiting_contacts: At each point the contacts whose slack is the margin.
+        bodies: The body that touches the object at each contact.
     """
 
     reason: str
@@ -91,7 +91,7 @@ class PathTiming(Record):
         return float(self.times[-1])
 
     def __str__(self) -> str:
-        """Return how long it takes and what limits it."""
+        """Return the duration, and the shares of points at which each limit is reached."""
         if not self.found:
             return f"no timing: {self.reason}"
         shares = {limit: self.limits.count(limit) / len(self.limits) for limit in TimingLimit}
@@ -111,28 +111,28 @@ def fastest_timing(
     torques: ArrayLike | Mapping[str, float] | None = None,
     points: int = 100,
 ) -> PathTiming:
-    """Find the shortest time along an arm's path in which what the hand holds stays in it.
+    """Find the fastest timing of an arm's path for which contact forces hold the object.
 
     The path is a cubic spline through the configurations; it begins and ends at rest. The object
-    moves with a link, with the contacts that it has in the scene. Contact forces have to exist that
-    keep the margin under plain Coulomb friction: any force inside the cones is believed, whether or
-    not a virtual sliding calls for it; of round cones, any inside their pyramids. Loads of the
-    scene count. Obstacles do not: `Evaluator.first_invalid` looks for collisions.
+    moves with a link, with the contacts that it has in the scene. Contact forces with the margin
+    have to exist under plain Coulomb friction: any force inside the cones is admitted, with or
+    without a virtual sliding; for round cones, any inside their pyramids. Loads of the scene are
+    included. Collisions are not checked, see `Evaluator.first_invalid`.
 
     Args:
         scene: A scene at rest in which a hand alone holds the object.
         path: K configurations, at least two: (K, a) positions of all joints but those behind the
-            link, rad or m, or one as `Evaluator.evaluate` takes it each.
+            link, rad or m, or a sequence of configurations as `Evaluator.evaluate` takes them.
         attached_to: Name of the link that the object moves with, see `Evaluator`.
         velocity_limits: Largest velocity of all joints, or by independent joint, rad/s or m/s;
-            otherwise what URDFs state counts.
-        acceleration_limits: Likewise, rad/s^2 or m/s^2; otherwise there is no limit.
-        torque_limits: Largest torque by independent joint, N m or N, of arm joints that J has no
-            column for; None: only the hand's motors are limited.
-        margin: That contact forces keep, N.
+            the default are the limits in URDFs.
+        acceleration_limits: Likewise, rad/s^2 or m/s^2; by default there is no limit.
+        torque_limits: Largest torque by independent joint, N m or N, for arm joints without a
+            column in J; None: only the hand's motors are limited.
+        margin: Required margin of contact forces, N.
         torques: (L,) the motors' torques, which stay constant, or by name, N m or N; None: any
             within their limits.
-        points: On the path, at which all limits are kept.
+        points: Number of points on the path at which all limits are kept.
 
     Returns:
         The timing, or why there is none.
@@ -203,19 +203,19 @@ def fastest_timing(
     squared = speeds**2
     changes = np.diff(squared) / (2.0 * np.diff(where))
     changes = np.append(changes, changes[-1])
-    found = [
+    pairs = [
         program.margin(point.wrench, point.torques, u, x)
         for point, u, x in zip(along, changes, squared, strict=True)
     ]
-    margins, limiting = zip(*found, strict=True)
+    margins, limiting = zip(*pairs, strict=True)
     if not min(margins) >= margin - most_lost:
         lost = int(np.argmin(margins))
         return replace(blank, reason=f"no contact forces were found at point {lost} of the timing")
     last = len(where) - 1
-    between = 2.0 * np.diff(where) / (speeds[:-1] + speeds[1:])
+    durations = 2.0 * np.diff(where) / (speeds[:-1] + speeds[1:])
     return replace(
         blank,
-        times=np.concatenate([[0.0], np.cumsum(between)]),
+        times=np.concatenate([[0.0], np.cumsum(durations)]),
         speeds=speeds,
         velocities=slopes * speeds[:, None],
         accelerations=slopes * changes[:, None] + bends * squared[:, None],
@@ -229,21 +229,21 @@ def fastest_timing(
 
 
 _JointLimits = Mapping[TimingLimit, FloatArray]
-"""(a,) what independent joints may do, infinite where there is no limit: their velocities, rad/s or
-m/s, accelerations, rad/s^2 or m/s^2, and torques, N m or N."""
+"""(a,) limits of independent joints, infinite where there is none: of velocities, rad/s or m/s,
+accelerations, rad/s^2 or m/s^2, and torques, N m or N."""
 
 
 class _PathPoint(NamedTuple):
-    """A point of a path: what is asked of contact forces, and what limits u and x there.
+    """A point of a path: loads as linear functions of (u, x), and the limits of (u, x) there.
 
     Attributes:
-        wrench: (6, 3) external and inertial wrench in the axes of the joint that carries the
-            object, as a sum of (1, u, x).
-        torques: (L, 3) what the motors bear besides the contacts, likewise.
-        joints: (a, 3) what the independent joints bear, likewise.
-        rows: (k, 2) of (u, x).
+        wrench: (6, 3) coefficients of (1, u, x) in the external and inertial wrench, in the axes of
+            the joint that carries the object.
+        torques: (L, 3) those in the motors' torques without contact forces, likewise.
+        joints: (a, 3) those in the torques of the independent joints, likewise.
+        rows: (k, 2) coefficients of (u, x).
         sides: (k,) rows @ (u, x) <= sides.
-        kinds: k limits that the rows stand for; none where nothing holds the object at any speed.
+        kinds: The k limits of the rows; none where no contact forces exist at any speed.
     """
 
     wrench: FloatArray
@@ -257,7 +257,7 @@ class _PathPoint(NamedTuple):
 def _unheld_reason(
     problem: QuasistaticProblem, torques: Any, margin: float, point: _PathPoint, where: str
 ) -> str:
-    """Return which torques do not hold the object at a point of the path, and which would."""
+    """Return in words which torques do not hold the object at a point, and which would."""
     free = problem.lower_torque, problem.upper_torque
     names = problem.joint_names
 
@@ -289,7 +289,7 @@ def _unheld_reason(
 def _timing_fault(
     names: tuple[str, ...], torque_limits: FloatArray, along: Sequence[_PathPoint]
 ) -> str:
-    """Return which joint's torque limit leaves no timing, if it is one."""
+    """Return in words why no timing keeps all limits, with the joint whose torque is too small."""
     still = np.abs([point.joints[:, 0] for point in along])
     beyond = still / torque_limits
     k, joint = np.unravel_index(np.argmax(beyond), beyond.shape)
@@ -304,7 +304,7 @@ def _timing_fault(
 
 
 def _reached_limit(ends: Sequence[_PathPoint], u: float, squared: FloatArray) -> TimingLimit:
-    """Return a limit that is reached at either end of an interval: a joint's, if there is one."""
+    """Return a limit that is reached at either end of an interval, that of a joint first."""
     reached = set[TimingLimit]()
     for point, x in zip(ends, squared, strict=True):
         sizes = np.abs(point.rows) @ np.abs([u, x]) + np.abs(point.sides)
@@ -319,13 +319,13 @@ def _path_points(
     path: tuple[FloatArray, FloatArray, FloatArray],
     limits: _JointLimits,
 ) -> list[_PathPoint]:
-    """Return the limits at points of a path.
+    """Return the points of a path with loads and limits.
 
     Args:
-        at: Its states.
-        program: Of the contacts.
+        at: The states of the scene.
+        program: The program of the contact forces.
         path: (N, a) positions and their first and second derivatives along the path.
-        limits: Of joints.
+        limits: The limits of joints.
     """
     scene, hand, joint = at.scene, at.hand, at.joint
     places = _joint_positions(at, path[0], "path", "the spline through it leaves a limit: ")
@@ -358,15 +358,15 @@ def _path_point(
     joints: FloatArray,
     of_path: FloatArray,
 ) -> _PathPoint:
-    """Return the limits at a point of a path: see `_path_points`.
+    """Return a point of a path: see `_path_points`.
 
     Args:
-        program: Of the contacts.
-        limits: Of joints.
+        program: The program of the contact forces.
+        limits: The limits of joints.
         wrench: See `_PathPoint`.
-        motors: See there.
-        joints: (a, 3) what the joints bear, likewise.
-        of_path: (a, 3) their accelerations, likewise.
+        motors: Its `torques`, see there.
+        joints: See there.
+        of_path: (a, 3) coefficients of (1, u, x) in the joints' accelerations.
     """
     with np.errstate(divide="ignore"):
         fastest = limits[TimingLimit.VELOCITY] / np.abs(of_path[:, 1])
@@ -403,7 +403,7 @@ def _toppra() -> Any:
 def _fastest_speeds(
     toppra: Any, path: Any, along: Sequence[_PathPoint], where: FloatArray
 ) -> FloatArray | None:
-    """Return the (N,) largest speeds along a path, by TOPP-RA; None where there are none."""
+    """Return the (N,) largest speeds along a path, by TOPP-RA; None: there is no timing."""
     most = max(len(point.rows) for point in along)
     rows, sides = np.zeros((len(along), most, 2)), np.ones((len(along), most))
     for k, point in enumerate(along):
@@ -432,20 +432,20 @@ def _fastest_speeds(
 
 
 def _checked_waypoints(at: AttachedConfigurations, path: Any) -> FloatArray:
-    """Return (K, a) positions of different configurations that follow each other."""
+    """Return (K, a) positions of a path, checked: two or more, neighbours are different."""
     points = np.array([at.array(q) for q in path], dtype=float)
     _joint_positions(at, points, "path[{}]")
     steps = np.linalg.norm(np.diff(points, axis=0), axis=1) if len(points) > 1 else np.zeros(0)
     if not len(steps) or not steps.all():
-        found = "two that follow each other and are the same" if len(steps) else str(len(points))
-        raise ArgumentError("path", f"needs two configurations or more, found {found}")
+        given = "two that follow each other and are the same" if len(steps) else str(len(points))
+        raise ArgumentError("path", f"needs two configurations or more, found {given}")
     return points
 
 
 def _joint_positions(
     at: AttachedConfigurations, points: FloatArray, argument: str, what: str = ""
 ) -> list[FloatArray]:
-    """Return positions of all joints at points (K, a); an error is that of the argument."""
+    """Return positions of all joints at points (K, a); errors name the argument."""
     places = list[FloatArray]()
     for k, q in enumerate(points):
         try:
@@ -458,7 +458,7 @@ def _joint_positions(
 def _joint_limits(
     argument: str, given: Any, names: tuple[str, ...], others: ArrayLike = np.inf
 ) -> FloatArray:
-    """Return (a,) positive limits; those that are not told as others are."""
+    """Return (a,) positive limits; those that are not given are ``others``."""
     if given is not None and not isinstance(given, Mapping):
         return np.full(len(names), _positive_number(argument, given))
     limits = np.broadcast_to(others, len(names)).copy()

@@ -1,4 +1,4 @@
-"""Gaps, margin and torques of a state whose contacts are pinned, with their gradients."""
+"""Gaps, margin and torques of a state with pinned contacts, and their gradients."""
 
 from __future__ import annotations
 
@@ -49,8 +49,8 @@ class Derivatives(Brief):
         friction: (..., B) by the coefficients of the B bodies, each once in the order of
             `PinnedState.bodies`, per unit.
         mass: (..., 1) by the object's mass, per kg.
-        unique: (..., a + 6 + B + 1) where these are derivatives, in this order; elsewhere the
-            figure has or may have a kink, and they are one of several one-sided derivatives.
+        unique: (..., a + 6 + B + 1) mask of entries that are derivatives, in this order; elsewhere
+            the figure has or may have a kink, and they are one of several one-sided derivatives.
 
     Examples:
         >>> from graspless_pin import Evaluator, load_scene
@@ -69,11 +69,11 @@ class Derivatives(Brief):
 
 
 class _Rates(NamedTuple):
-    """How a state's problem changes with what its figures are differentiated by.
+    """Derivatives of a state's problem by configuration, pose, friction and mass.
 
     Attributes:
         moving: By the a joints and the object's twist.
-        surfaces: (M, B) one where a contact has the coefficient of a body.
+        surfaces: (M, B) one where a contact has the coefficient of a body, else zero.
         weight: (6,) wrench per kg of the object.
         smooth: Whether no contact is at a kink.
     """
@@ -84,14 +84,14 @@ class _Rates(NamedTuple):
     smooth: bool
 
     def chain_rule(self, by: Gradients) -> FloatArray:
-        """Return (a + 6 + B + 1,) what derivatives by the problem's data come to."""
+        """Return (a + 6 + B + 1,) derivatives of a figure with derivatives ``by`` the data."""
         weight = by.external_wrench @ self.weight
         return np.concatenate([self.moving.chain_rule(by), by.friction @ self.surfaces, [weight]])
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PinnedState(Brief):
-    """A state whose contacts are pinned; what an optimiser asks for.
+    """A state with pinned contacts, and the derivatives that optimisers need.
 
     Attributes:
         evaluation: Status, margin, torques and forces of the state.
@@ -134,7 +134,7 @@ class PinnedState(Brief):
 
     @cached_property
     def optimum(self) -> float:
-        """The largest margin, N, or the smallest torque, N m, or share; NaN where none is found."""
+        """The largest margin, N, or the smallest torque, N m, or share; NaN without torques."""
         if not self.evaluation.found:
             return np.nan
         solution = self.evaluation.solution
@@ -142,7 +142,7 @@ class PinnedState(Brief):
 
     @cached_property
     def by_optimum(self) -> Derivatives:
-        """Derivatives of the optimum, in its mode. Worked out when first asked for.
+        """Derivatives of the optimum, in its mode. Computed when they are first read.
 
         Raises:
             NoSolutionError: If there are no torques; with the reason.
@@ -154,7 +154,7 @@ class PinnedState(Brief):
 
     @cached_property
     def by_torques(self) -> Derivatives:
-        """Derivatives of the torques, (L, ...). Worked out when first asked for.
+        """Derivatives of the torques, (L, ...). Computed when they are first read.
 
         Raises:
             NoSolutionError: As for `by_optimum`.
@@ -162,15 +162,15 @@ class PinnedState(Brief):
         """
         data = optimum_gradients(self.evaluation.solution)
         own, *others = map(self._figure_gradients, OptimalSet(data.solution).torque_points())
-        rows = [agreeing(*one) for one in zip(own, *others, strict=True)]
+        rows = [agreeing(*row) for row in zip(own, *others, strict=True)]
         return self._derivatives(own, np.array(rows, dtype=bool).reshape(own.shape))
 
     def _figure_gradients(self, points: Sequence[OptimalPoint]) -> FloatArray:
-        """(N, a + 6 + B + 1) what each of N choices of forces and multipliers gives."""
+        """Return (N, a + 6 + B + 1) derivatives at each of N choices of forces and multipliers."""
         rates = self._known_rates
-        found = [rates.chain_rule(gradients_at(self.evaluation.solution, at)) for at in points]
+        rows = [rates.chain_rule(gradients_at(self.evaluation.solution, at)) for at in points]
         size = rates.moving.spins.shape[-1] + rates.surfaces.shape[1] + 1
-        return np.array(found).reshape(-1, size)
+        return np.array(rows).reshape(-1, size)
 
     def _derivatives(self, values: FloatArray, unique: NDArray[np.bool_]) -> Derivatives:
         count = self.by_gaps.q.shape[-1]
@@ -203,12 +203,12 @@ def pinned_state(
     columns = None if hand is None else JointColumns(hand)
     coupling = np.zeros((0, 0)) if hand is None else hand.tree.coupling.S
     points = [pinned_point(scene, pin) for pin in pins]
-    rates = [pin_rates(scene, columns, one) for one in points]
+    rates = [pin_rates(scene, columns, point) for point in points]
     n = len(coupling)
-    gaps = np.array([one.gap for one in rates])
-    smooth = np.array([one.smooth for one in rates])
-    bodies = tuple([one.contact.body for one in points])
-    surfaces = np.array([[one == body for body in dict.fromkeys(bodies)] for one in bodies], float)
+    gaps = np.array([rate.gap for rate in rates])
+    smooth = np.array([rate.smooth for rate in rates])
+    bodies = tuple([point.contact.body for point in points])
+    surfaces = np.array([[own == body for body in dict.fromkeys(bodies)] for own in bodies], float)
     none = np.zeros((len(points), surfaces.shape[1] + 1))
     by_gaps = Derivatives(
         read_only(gaps[:, :n] @ coupling),
@@ -217,7 +217,7 @@ def pinned_state(
         read_only(none[:, -1:]),
         np.repeat(smooth[:, None], coupling.shape[1] + 6 + none.shape[1], axis=1),
     )
-    values = read_only(np.array([one.gap for one in points]))
+    values = read_only(np.array([point.gap for point in points]))
     if not evaluation.found:
         return PinnedState(evaluation, bodies, values, by_gaps)
     kept = _pins_of_contacts(evaluation, points)
@@ -235,22 +235,22 @@ def pinned_state(
 
 
 def _pins_of_contacts(evaluation: Evaluation, points: Sequence[PinnedPoint]) -> list[int]:
-    """Return which pinned point each contact is of: the declared motion may part some.
+    """Return the index of the pinned point of each contact: the declared motion may part some.
 
     One corner of the object may be on two bodies, such as a floor and a wall, or on two faces.
     """
-    bodies = np.array([one.contact.body for one in points])
-    places = np.array([[one.contact.position, one.contact.normal] for one in points])
-    found = evaluation.contacts.arrays
+    bodies = np.array([point.contact.body for point in points])
+    places = np.array([[point.contact.position, point.contact.normal] for point in points])
+    arrays = evaluation.contacts.arrays
     kept = []
-    for body, *place in zip(found.bodies, found.positions, found.normals, strict=True):
+    for body, *place in zip(arrays.bodies, arrays.positions, arrays.normals, strict=True):
         off = np.abs(places - place).max(axis=(1, 2))
         kept.append(int(np.where(bodies == body, off, np.inf).argmin()))
     return kept
 
 
 def _with_surfaces(scene: Scene, friction: Any, mass: Any) -> Scene:
-    """Return a scene whose contacts are given with other friction, and with another mass."""
+    """Return a scene with other coefficients of friction of its given contacts and another mass."""
     own, supports, table = scene.object, scene.supports, scene.friction
     if mass is not None:
         own = own.with_mass(mass)
@@ -271,7 +271,7 @@ def _with_surfaces(scene: Scene, friction: Any, mass: Any) -> Scene:
 
 
 def _contact_turns(evaluation: Evaluation, rates: Sequence[Rates]) -> FloatArray:
-    """(P, 3, n + 6) how frames of contacts turn; a sliding one with its direction of sliding."""
+    """Return (P, 3, n + 6) rotations of contact frames; those of sliding ones with the sliding."""
     scene, problem = evaluation.scene, evaluation.solution.problem
     turns = []
     for k, rate in enumerate(rates):
@@ -284,7 +284,7 @@ def _contact_turns(evaluation: Evaluation, rates: Sequence[Rates]) -> FloatArray
 
 
 def _slide_turn(scene: Scene, problem: QuasistaticProblem, contact: int, rate: Rates) -> FloatArray:
-    """(n + 6,) how the direction of sliding turns about the normal as the contact moves."""
+    """Return (n + 6,) rotation of the sliding direction about the normal as the contact moves."""
     body = scene.contacts.bodies[contact]
     motion = scene.motion
     support = next((one for one in scene.supports if one.name == body), None)

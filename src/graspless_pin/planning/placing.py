@@ -1,4 +1,4 @@
-"""Placing a hand at an object: from its file to a pose and a posture that hold."""
+"""Placing a hand at an object: a search for poses and postures that hold it."""
 
 from __future__ import annotations
 
@@ -62,8 +62,8 @@ class PlacedHand(Brief):
         carrying_margin: The same without the supports and at rest, N; NaN: the hand cannot carry
             the object by itself.
         touching: The hand's links that touch the object.
-        verdict: Whether the object stays with the torques of `solution`; None where that was not
-            asked, or cannot be told of this hand.
+        verdict: Whether the object stays with the torques of `solution`; None: there is no verdict,
+            or it cannot be computed for this hand.
     """
 
     scene: Scene
@@ -74,7 +74,7 @@ class PlacedHand(Brief):
 
     @cached_property
     def solution(self) -> TorqueSolution:
-        """The torques of Algorithm 1, solved for when they are first asked for."""
+        """The torques of Algorithm 1, computed when they are first read."""
         with capture():
             return self.scene.solve("margin", node_limit=CANDIDATE_NODES)
 
@@ -105,13 +105,13 @@ class HandPlacement(Brief):
 
     Attributes:
         places: All places by rank, as `place_hand` sorts them.
-        tried: How many candidates were tried.
-        faults: How many were none, by reason, in the order in which reasons are found out.
-        errors: What was raised inside this package and left a candidate, or its verdict, out, and
-            how often, the commonest first.
-        aim: What the places are good for; it decides their ranks.
-        complete: Whether all candidates were tried; a time limit may have ended it before.
-        seconds: What it took, s.
+        tried: Number of candidates that were tried.
+        faults: Numbers of candidates that are no places, by reason, in the order of the checks.
+        errors: Internal errors that cost a candidate or its verdict, with their numbers, the
+            commonest first.
+        aim: The purpose of the places; it decides their ranks.
+        complete: Whether all candidates were tried, before the time limit.
+        seconds: Duration of the search, s.
     """
 
     places: tuple[PlacedHand, ...]
@@ -124,7 +124,7 @@ class HandPlacement(Brief):
 
     @property
     def found(self) -> int:
-        """How many candidates are places."""
+        """Number of candidates that are places."""
         return len(self.places)
 
     @property
@@ -150,7 +150,7 @@ class HandPlacement(Brief):
         return Table(rows, headers, legend, ".3g", (4,))
 
     def __str__(self) -> str:
-        """Return the best places, and why the other candidates are none."""
+        """Return the best places, and the faults of the other candidates."""
         lines = [str(place) for place in self.places[:1]]
         for rank, place in enumerate(self.places[1:_PLACES_SHOWN], 2):
             lead = "" if place.verdict is None else lead_and_words(place.verdict.message)[0]
@@ -176,10 +176,10 @@ class HandPlacement(Brief):
 
     @property
     def advice(self) -> str:
-        """What to try where no place was found: of a fault of most by far, else of the last one."""
+        """Advice for a search without places, on the fault of most candidates or the last check."""
         order, most = list(PlacingFault), _MOST_BY_FAR * self.tried
-        ranks = {one: (n >= most, order.index(one)) for one, n in self.faults.items()}
-        return _ADVICE[max(ranks, key=lambda one: ranks[one])] if ranks else ""
+        ranks = {fault: (n >= most, order.index(fault)) for fault, n in self.faults.items()}
+        return _ADVICE[max(ranks, key=lambda fault: ranks[fault])] if ranks else ""
 
 
 _RANKED_BY = {
@@ -221,10 +221,10 @@ _ADVICE = {
 
 
 PlacingProgress = Callable[[int, int, int], object]
-"""Called with how many candidates are done, how many there are, and how many are places."""
+"""Called with the numbers of candidates that are done, of all, and of those that are places."""
 
 _MOST_PARENTS = 8
-_SEARCH_SHARE = 0.75  # share of the time limit after which the best are asked for their verdicts
+_SEARCH_SHARE = 0.75  # share of the time limit for the search; the rest is for verdicts
 _ORDER = Stability.STRONG, Stability.UNDECIDED, Stability.WEAK, Stability.NONE
 
 
@@ -246,46 +246,46 @@ def place_hand(
     workers: int | None = None,
     progress: PlacingProgress | None = None,
 ) -> HandPlacement:
-    """Find where a hand holds the scene's object, wherever the hand is now.
+    """Search places at which a hand holds the scene's object, wherever the hand is now.
 
-    An object that touches no support is put down along gravity first, if a support lies in the way.
-    Each candidate opens the fingers from a posture in which their tips meet, goes for a point in
-    the object, backs off until the open hand is clear, and closes. A gripper whose jaws have one
-    motor is shifted until both touch. Fingers that touch nothing open again. Algorithm 1 tells the
-    margin of what is left, with the supports and without them. Two thirds of the candidates are
-    drawn anew, the rest near the best eight of these.
+    An object that touches no support is put down along gravity first, if a support lies below it.
+    Each candidate opens the fingers from a posture in which their tips meet, moves towards a point
+    in the object, backs off until the open hand is clear, and closes. A gripper whose jaws have one
+    motor is shifted until both touch. Fingers that touch nothing open again. Algorithm 1 computes
+    the margin of this grip, with the supports and without them. Two thirds of the candidates are
+    drawn anew, the others near the best eight of these.
 
-    A place is a grip: at least two links squeeze the object. First come those that can carry it
-    without its supports, among these those of which a verdict proves that it stays, and then the
-    larger margin without the supports. ``aim="carry"`` takes no others than the first;
-    ``aim="press"`` takes anything that holds and ranks by the margin with the supports, which may
-    be largest where the hand presses the object onto one.
+    A place is a grip: at least two links squeeze the object. Those that can carry it without its
+    supports rank first, among these those with a verdict that proves rest, and then those with the
+    larger margin without the supports. ``aim="carry"`` accepts only grips that can carry it;
+    ``aim="press"`` accepts all that hold it and ranks by the margin with the supports, which may be
+    largest where the hand presses the object onto one.
 
-    What a candidate becomes depends on the seed and its number alone: the same call finds the same
-    places, with as many processes as there may be, unless the time limit ends it.
+    A candidate depends on the seed and its number alone: the same call finds the same places with
+    any number of processes, unless the time limit ends it.
 
     Args:
         scene: A scene with a hand, no matter where; its contacts are found, not given.
         approach: (3,) direction in which the palm approaches, world axes, of any length; None: all.
-        point: (3,) point that it goes for, world, m; None: points inside the object.
+        point: (3,) target of the palm, world, m; None: points inside the object.
         fingers: Fingers that may close; None: all. The others stay as they are.
         margin: Smallest margin of a place, N; None: the scene's own, 0.1 N if it has none.
         aim: ``grip``, ``carry`` or ``press``.
         together: Whether several mounts move as one body; else each is placed by itself.
-        move_base: Whether the bases of arms move; else they stay, and the arms bring the palms as
-            near to where they are wanted as they can. An arm has more than three joints.
+        move_base: Whether the bases of arms move; else they stay, and the arms move the palms as
+            near to their goals as they can. An arm has more than three joints.
         seed: Of all random choices.
-        candidates: How many are tried.
-        time_limit: After how many seconds it ends with what was found, the last quarter of them for
-            verdicts; None: it goes on.
-        verdict_nodes: Sets of outcomes that each verdict may look at; 0: none is asked for.
-        verdicts: How many of the best are asked whether the object stays; None: all.
+        candidates: Number of candidates.
+        time_limit: Seconds after which it returns what was found, the last quarter of them for
+            verdicts; None: no limit.
+        verdict_nodes: Most sets of outcomes that each verdict searches; 0: there are no verdicts.
+        verdicts: Number of the best places that get a verdict; None: all.
         workers: Processes; 1: this one; None: as many as there are cores.
-        progress: Is told how far it is.
+        progress: Called after each candidate: see `PlacingProgress`.
 
     Returns:
-        All places by rank, and why the other candidates are none. No place is an answer. An
-        exception that is none of this package's costs the candidate that it arose at, and is told.
+        All places by rank, and the faults of the other candidates. There may be no place. An
+        exception that is none of this package's costs the candidate that raised it, and is listed.
 
     Raises:
         SceneError: If the scene has no hand or gives its contacts, cannot be used, or the object is
@@ -317,10 +317,10 @@ def place_hand(
     try:
         for numbers in (range(first), range(first, count)):
             varied = replace(plan, parents=_closed_by_rank(plan, tried)[:_MOST_PARENTS])
-            for one in _try_all(varied, numbers, children, crew, begin + _SEARCH_SHARE * limit):
-                tried.append(one)
+            for last in _try_all(varied, numbers, children, crew, begin + _SEARCH_SHARE * limit):
+                tried.append(last)
                 if progress is not None:
-                    progress(len(tried), count, sum(one.fault is None for one in tried))
+                    progress(len(tried), count, sum(own.fault is None for own in tried))
     finally:
         children.stop()
     good = _closed_by_rank(plan, [one for one in tried if one.fault is None])
@@ -349,7 +349,7 @@ def _placing_plan(
     together: bool,
     move_base: bool,
 ) -> PlacingPlan:
-    """Check what was given and return what all candidates share."""
+    """Check the arguments of `place_hand` and return the plan of all candidates."""
     checked_scene(scene)
     if scene.hand is None:
         raise SceneError(f"{label_of(scene)}: the scene has no hand to be placed; add one")
@@ -381,7 +381,7 @@ def _placing_plan(
 
 
 def _settled_scene(scene: Scene) -> Scene:
-    """Return the scene with the object on a support, where one lies below it.
+    """Return the scene with its object put down on a support, if one lies below it.
 
     Raises:
         StateError: If the object is in a support.
@@ -405,16 +405,16 @@ def _try_all(
     workers: int,
     deadline: float,
 ) -> Iterator[TriedCandidate]:
-    """Yield what becomes of candidates, until the deadline."""
-    found: Iterator[TriedCandidate] = map(partial(try_candidate, plan), numbers)
+    """Yield results of candidates, until the deadline."""
+    results: Iterator[TriedCandidate] = map(partial(try_candidate, plan), numbers)
     if workers > 1:
-        found = shared_work(try_candidate, plan, numbers, workers, children)
-    while time.monotonic() <= deadline and (one := next(found, None)) is not None:
-        yield one
+        results = shared_work(try_candidate, plan, numbers, workers, children)
+    while time.monotonic() <= deadline and (result := next(results, None)) is not None:
+        yield result
 
 
 def _closed_by_rank(plan: PlacingPlan, tried: Sequence[TriedCandidate]) -> tuple[ClosedHand, ...]:
-    """Return closed hands, those first that are best for the aim."""
+    """Return the closed hands among candidates, the best for the aim first."""
     closed = [(one.number, one.closed) for one in tried if one.closed]
     return tuple(
         one for _, one in sorted(closed, key=lambda pair: (*_rank(plan, pair[1], None), pair[0]))
@@ -424,7 +424,7 @@ def _closed_by_rank(plan: PlacingPlan, tried: Sequence[TriedCandidate]) -> tuple
 def _rank(
     plan: PlacingPlan, closed: ClosedHand, verdict: StabilityVerdict | None
 ) -> tuple[float, ...]:
-    """Return what places are sorted by, the best first."""
+    """Return the sort key of a place: smaller is better."""
     status = _ORDER.index(Stability.UNDECIDED)
     if verdict is not None:
         kept = verdict.keeps_rest(lasting=plan.scene.controller.is_stated)
@@ -444,9 +444,9 @@ def _ranked_places(
     deadline: float,
     errors: Counter[str],
 ) -> tuple[PlacedHand, ...]:
-    """Return places by rank; the first ones have been asked whether the object stays there.
+    """Return places by rank, the first ``asked`` ones with verdicts.
 
-    What else verdicts raise than what is meant is counted among the errors.
+    Internal errors of verdicts are added to ``errors``.
     """
     places = dict(enumerate(_placed_hand(plan, one) for one in good))
     asked_already: set[int] = set()
@@ -470,8 +470,8 @@ def _placed_hand(plan: PlacingPlan, closed: ClosedHand) -> PlacedHand:
 def _with_verdict(
     place: PlacedHand, nodes: int, deadline: float, errors: Counter[str]
 ) -> PlacedHand:
-    """Return a place with its verdict, where one can be told of this hand."""
-    with suppress(SceneError):  # made in Python in a way of its own
+    """Return a place with its verdict, if it can be computed for this hand."""
+    with suppress(SceneError):  # a scene that cannot be written to a file
         place = replace(place, scene=scene_as_written(place.scene))
     try:
         with capture():
@@ -489,9 +489,9 @@ def _with_verdict(
 def _place_verdict(
     scene: Scene, solution: TorqueSolution, nodes: int, deadline: float
 ) -> StabilityVerdict | None:
-    """Return the verdict that `solve` has of the scene: on the torques that its options ask for."""
-    asked = scene.solve_options.get("algorithm", Algorithm.MARGIN)
-    if asked != Algorithm.MARGIN or solution.status is not Status.OPTIMAL:
+    """Return the verdict on the torques of the scene's own algorithm; None: there are none."""
+    algorithm = scene.solve_options.get("algorithm", Algorithm.MARGIN)
+    if algorithm != Algorithm.MARGIN or solution.status is not Status.OPTIMAL:
         remaining = None if np.isinf(deadline) else deadline - time.monotonic()
         solution = scene.solve(time_limit=remaining)
     if not solution.found:

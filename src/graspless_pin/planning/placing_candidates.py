@@ -1,4 +1,4 @@
-"""Candidates for a hand's place: brought to the object, closed and judged."""
+"""Candidates for a hand's place: moved to the object, closed, and checked for their margins."""
 
 from __future__ import annotations
 
@@ -49,18 +49,18 @@ from graspless_pin.scene.scene_findings import hand_overlaps
 from graspless_pin.solution import UNDECIDED, Status
 
 _CLEAR_OF_OBJECT = 2e-4  # m, of the open hand
-_APPROACHES = 4  # times that an arm tries to be clear, as near as it gets to where it should be
-_PALM_OFF, _PALM_TURNED = 0.03, 0.5  # m, rad: farther from there it is out of reach
+_APPROACHES = 4  # attempts of an arm to bring its palm to a place where the open hand is clear
+_PALM_OFF, _PALM_TURNED = 0.03, 0.5  # m, rad: with a larger error the place is out of reach
 _CENTERINGS = 12
 _CENTERED = 2e-5  # m
-_CONE_EDGES = 8  # of the cones whose forces may squeeze
+_CONE_EDGES = 8  # of the cones of squeezing forces
 _SQUEEZE_ERROR = 1e-6  # share of the squeeze
 CANDIDATE_NODES = 200
 """Most nodes of the search for a candidate's torques."""
 
 
 class PlacingFault(StrEnum):
-    """Why a hand cannot be where it was tried, in the order in which that is found out.
+    """Why a candidate is no place for the hand, in the order of the checks.
 
     See the example of `place_hand`.
     """
@@ -68,7 +68,7 @@ class PlacingFault(StrEnum):
     words: str
 
     def __new__(cls, value: str, words: str) -> Self:
-        """Make a member of its value and how it is told."""
+        """Make a member of its value and its words."""
         member = str.__new__(cls, value)
         member._value_ = value
         member.words = words
@@ -93,13 +93,13 @@ class PlacingFault(StrEnum):
 
 @dataclass(frozen=True, eq=False)
 class TriedCandidate:
-    """What became of one candidate.
+    """The result of one candidate.
 
     Attributes:
-        number: Which one.
+        number: Number of the candidate.
         fault: Why it is no place for the hand; None: it is one.
-        closed: The closed hand, where there are torques.
-        error: What was raised, where that is the fault.
+        closed: The closed hand; None: there are no torques.
+        error: The exception of an internal error, in words; empty: there was none.
     """
 
     number: int
@@ -109,7 +109,7 @@ class TriedCandidate:
 
 
 def try_candidate(plan: PlacingPlan, number: int) -> TriedCandidate:
-    """Try one candidate; it depends on the plan and its number alone."""
+    """Try one candidate; the result depends on the plan and its number alone."""
     try:
         with capture():
             return _close_and_judge(plan, number)
@@ -127,10 +127,10 @@ def _close_and_judge(plan: PlacingPlan, number: int) -> TriedCandidate:
     for index, part in enumerate(plan.parts):
         rng = np.random.default_rng([plan.seed, number, *([index] if index else [])])
         draw = draw_start(plan, index, number, rng)
-        brought = _close_at_object(plan, part, draw, rng)
-        if isinstance(brought, PlacingFault):
-            return TriedCandidate(number, brought)
-        closing, T = brought
+        closed_part = _close_at_object(plan, part, draw, rng)
+        if isinstance(closed_part, PlacingFault):
+            return TriedCandidate(number, closed_part)
+        closing, T = closed_part
         columns = [k for name in part.fingers for k in driving_columns(hand, name)]
         columns += [] if part.arm is None else part.arm.columns
         positions[columns] = _idle_fingers_opened(part, draw, closing)[columns]
@@ -142,31 +142,31 @@ def _close_and_judge(plan: PlacingPlan, number: int) -> TriedCandidate:
     moved = frozenset().union(*(part.moved for part in plan.parts))
     if shortfall(_link_shapes(hand, moved), support_bodies(plan.scene), 1.5 * tolerance) > 0.0:
         return TriedCandidate(number, PlacingFault.HAND_ON_SUPPORT)
-    # One body is in itself wherever it is, and the pairs of links are known where it was.
+    # The overlaps of one rigid part do not depend on its place; pairs are cached for the first one.
     if unwanted_overlaps(closed if len(plan.parts) == 1 else hand, tolerance=tolerance):
         return TriedCandidate(number, PlacingFault.HAND_THROUGH_ITSELF)
     scene = plan.scene.with_changes(hand=hand)
-    if hand_overlaps(scene):  # what does not move, such as an arm's base, stands in a support
+    if hand_overlaps(scene):  # links that do not move, such as an arm's base, are in a support
         return TriedCandidate(number, PlacingFault.HAND_ON_SUPPORT)
     try:
-        judged = _judge_grip(plan, scene, hand)
+        grip = _judge_grip(plan, scene, hand)
     except StateError:
-        judged = PlacingFault.UNUSABLE_CONTACTS
-    if isinstance(judged, PlacingFault):
-        return TriedCandidate(number, judged)
-    found = ClosedHand(tuple(draws), displacements, positions, *judged)
+        grip = PlacingFault.UNUSABLE_CONTACTS
+    if isinstance(grip, PlacingFault):
+        return TriedCandidate(number, grip)
+    closed_hand = ClosedHand(tuple(draws), displacements, positions, *grip)
     fault = None
-    if plan.aim is PlacingAim.CARRY and not found.carrying_margin >= plan.margin:
+    if plan.aim is PlacingAim.CARRY and not closed_hand.carrying_margin >= plan.margin:
         fault = PlacingFault.CANNOT_CARRY
-    elif found.margin < plan.margin:
+    elif closed_hand.margin < plan.margin:
         fault = PlacingFault.MARGIN_TOO_SMALL
-    return TriedCandidate(number, fault, found)
+    return TriedCandidate(number, fault, closed_hand)
 
 
 def _judge_grip(
     plan: PlacingPlan, scene: Scene, hand: Hand
 ) -> PlacingFault | tuple[tuple[str, ...], float, float]:
-    """Return the links that touch, the margin and that without the supports.
+    """Return the links that touch, the margin and the margin without supports, or a fault.
 
     Raises:
         StateError: If the contacts cannot be used.
@@ -192,11 +192,11 @@ def _judge_grip(
 
 
 def squeezed(problem: QuasistaticProblem, bodies: Sequence[str]) -> bool:
-    """Return whether two bodies squeeze the object: contact forces that balance each other.
+    """Return whether two bodies can squeeze the object: contact forces balance each other.
 
     Args:
-        problem: Contacts with their friction; its load and joints do not count.
-        bodies: M names of what touches.
+        problem: Contacts with their friction; its load and joints are not used.
+        bodies: M names of the touching bodies.
     """
     corners = problem.cone_model.section(_CONE_EDGES).corners
     along = contact_map(problem)[:, :, :6]
@@ -216,13 +216,13 @@ def squeezed(problem: QuasistaticProblem, bodies: Sequence[str]) -> bool:
 def _close_at_object(
     plan: PlacingPlan, part: HandPart, draw: Draw, rng: np.random.Generator
 ) -> tuple[ClosingResult, FloatArray] | PlacingFault:
-    """Bring an open part of the hand to the object and close it there.
+    """Move an open part of the hand to the object and close it there.
 
-    Without an arm the hand stays where it is and the object comes to it, which is the same and
-    quicker.
+    Without an arm the hand stays and the object is moved relative to it, which is equivalent and
+    faster.
 
     Returns:
-        The hand closed, and the displacement that takes the part's mounts to the object.
+        The closed hand, and the displacement of the part's mounts to the object; or a fault.
     """
     scene, posture = plan.scene, part.postures[draw.posture]
     pieces = scene.object.placed_bodies
@@ -276,23 +276,23 @@ def _close_at_object(
 def _stance(
     part: HandPart, hand: Hand, T: FloatArray, rng: np.random.Generator
 ) -> tuple[Hand, FloatArray] | None:
-    """Return a hand, and the displacement from where it is, for a part to go by T from there.
+    """Return the hand and the displacement of its bases that displace a part by T together.
 
-    An arm brings its palm as near to that as it can, and nothing is left to go by; None: that is
-    not near enough.
+    Without an arm these are the same hand and T. An arm moves the palm as near to its goal as it
+    can, and the bases stay; None: that is not near enough.
     """
     if part.arm is None:
         return hand, T
-    wanted = T @ hand.tree.kinematics(hand.positions).T_world_joint[part.arm.joint]
-    positions, there = brought_palm(hand, part.arm, wanted, rng)
-    turn = Rotation.from_matrix(wanted[:3, :3].T @ there[:3, :3]).magnitude()
-    if np.linalg.norm(wanted[:3, 3] - there[:3, 3]) > _PALM_OFF or turn > _PALM_TURNED:
+    goal = T @ hand.tree.kinematics(hand.positions).T_world_joint[part.arm.joint]
+    positions, palm = brought_palm(hand, part.arm, goal, rng)
+    turn = Rotation.from_matrix(goal[:3, :3].T @ palm[:3, :3]).magnitude()
+    if np.linalg.norm(goal[:3, 3] - palm[:3, 3]) > _PALM_OFF or turn > _PALM_TURNED:
         return None
     return hand.with_configuration(positions), np.eye(4)
 
 
 def _link_shapes(hand: Hand, links: frozenset[str]) -> PlacedBodies:
-    """Return the shapes of some links."""
+    """Return the collision shapes of some links."""
     bodies = hand.placed_bodies
     if links.issuperset(bodies.shapes.names):
         return bodies
@@ -300,7 +300,7 @@ def _link_shapes(hand: Hand, links: frozenset[str]) -> PlacedBodies:
 
 
 def _coupled_jaws(hand: Hand, fingers: Sequence[str]) -> list[list[Sequence[str]]]:
-    """Return the links of jaws that have to be centred, by motor: a finger may have a fixed one."""
+    """Return the links of the jaws on each motor that closes several; one jaw may be fixed."""
     if len(fingers) == 1:
         return [[hand.fingers[fingers[0]].links, carrier_links(hand, fingers[0])]]
     groups = groups_of_fingers(hand, fingers)
@@ -310,7 +310,7 @@ def _coupled_jaws(hand: Hand, fingers: Sequence[str]) -> list[list[Sequence[str]
 def _jaw_shift(
     closing: ClosingResult, together: Sequence[Sequence[Sequence[str]]], pieces: PlacedBodies
 ) -> FloatArray:
-    """Return (3,) how to shift a hand so that jaws with one motor touch on two sides, m."""
+    """Return (3,) shift of a hand with which jaws on one motor touch on both sides, m."""
     touching = set(closing.touching)
     for jaws in together:
         if any(touching.intersection(links) for links in jaws):
@@ -321,7 +321,7 @@ def _jaw_shift(
 
 
 def _idle_fingers_opened(part: HandPart, draw: Draw, closing: ClosingResult) -> FloatArray:
-    """Return (a,) positions with the fingers that touch nothing open again, out of the way."""
+    """Return (a,) positions in which the fingers that touch nothing are open again."""
     hand = closing.hand
     positions = hand.tree.coupling.independent(hand.positions)
     idle = {one.finger for one in closing.fingers if not one.touching}

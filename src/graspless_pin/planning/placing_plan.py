@@ -1,4 +1,4 @@
-"""What all candidates for a hand's place share, and how each begins: drawn from a seed."""
+"""The data that all candidates for a hand's place share, and their random starts."""
 
 from __future__ import annotations
 
@@ -42,27 +42,27 @@ _TURNED_SHARE = 0.5  # share of variations that turn: flat fingers that lie on a
 
 
 class PlacingAim(StrEnum):
-    """What a place of a hand is to be good for. See the example of `place_hand`."""
+    """The purpose of a hand's place. See the example of `place_hand`."""
 
     GRIP = "grip"
     """Two links squeeze the object; those that can carry it without its supports come first."""
     CARRY = "carry"
     """The hand can carry the object without its supports, by two links that squeeze it."""
     PRESS = "press"
-    """The largest margin, by whatever means: one link may press the object onto a support."""
+    """The largest margin: a single link may press the object onto a support."""
 
 
 @dataclass(frozen=True, eq=False)
 class HandPart(Record):
-    """What of a hand is brought to the object by itself: a mounted robot, or all as one body.
+    """A part of the hand that is placed by itself: one mounted robot, or all as one body.
 
     Attributes:
         fingers: Fingers that close.
-        postures: Postures to open them from.
-        mounts: Which mounts move with their bases; none if an arm moves the palm.
+        postures: Closed postures from which they are opened.
+        mounts: Mounts that move with their bases; none if an arm moves the palm.
         arm: The arm; None: the bases move.
-        links: Links that go for the object: those of the mounts, or those below the arm's palm.
-        moved: These, and those of the arm that moves them.
+        links: Links that approach the object: those of the mounts, or those below the arm's palm.
+        moved: These, and the links of the arm that moves them.
     """
 
     fingers: tuple[str, ...]
@@ -75,14 +75,14 @@ class HandPart(Record):
 
 @dataclass(frozen=True, eq=False)
 class Draw(Record):
-    """Where a hand begins.
+    """The random start of a hand's part.
 
     Attributes:
-        posture: Which of the postures its fingers are opened from.
-        opened: (a,) positions of its independent joints, rad or m.
-        displacement: (4, 4) T that its palm goes by, world axes.
+        posture: Index of the posture from which its fingers are opened.
+        opened: (a,) positions of the hand's independent joints, rad or m.
+        displacement: (4, 4) T by which its palm is displaced, world axes, m.
         direction: (3,) unit vector of its approach, world axes.
-        wrap: Whether fingers go on beyond a link that touches.
+        wrap: Whether fingers go on closing when one of their links touches.
     """
 
     posture: int
@@ -94,10 +94,10 @@ class Draw(Record):
 
 @dataclass(frozen=True, eq=False)
 class ClosedHand(Record):
-    """A hand that was closed on the object and solved.
+    """A hand that was closed on the object, with its margins.
 
     Attributes:
-        draws: Where its parts began.
+        draws: The starts of its parts.
         displacements: (N, 4, 4) T by mount: its base goes from ``T_world_base`` to
             ``T @ T_world_base``.
         positions: (a,) of its independent joints, rad or m.
@@ -117,20 +117,20 @@ class ClosedHand(Record):
 
 @dataclass(frozen=True, eq=False)
 class PlacingPlan(Record):
-    """What all candidates share.
+    """The data that all candidates share.
 
     Attributes:
-        scene: The scene with the hand where it is now; the object rests.
+        scene: The scene with the hand at its first place; the object is at rest.
         hand: Its hand.
-        parts: What of the hand is brought to the object by itself.
-        normals: (F, 3) of the object's surface, world axes.
-        areas: (F,) of the surface that has them, m^2.
+        parts: The parts of the hand that are placed by themselves.
+        normals: (F, 3) of the faces of the object's surface, world axes.
+        areas: (F,) twice the areas of these faces, m^2.
         direction: (3,) unit vector of the approach, world axes; None: drawn.
-        point: (3,) that the palm goes for, world, m; None: drawn.
-        margin: That is required, N.
-        aim: What places are to be good for.
+        point: (3,) target of the palm, world, m; None: drawn.
+        margin: Required margin, N.
+        aim: The purpose of places.
         seed: Of all draws.
-        parents: Closed hands to vary; empty: hands are drawn anew.
+        parents: Closed hands that are varied; empty: hands are drawn anew.
     """
 
     scene: Scene
@@ -154,14 +154,14 @@ def hand_parts(
     together: bool,
     move_base: bool,
 ) -> tuple[HandPart, ...]:
-    """Return what of a hand is brought to the object by itself.
+    """Return the parts of a hand that are placed by themselves.
 
     Args:
         hand: The hand.
         fingers: Fingers that close: see `fingers_that_close`.
-        rng: Where postures are drawn from.
+        rng: Generator from which postures are drawn.
         together: Whether all mounts move as one body.
-        move_base: Whether robots move with their bases, whose arms could bring their palms.
+        move_base: Whether robots with arms move with their bases, too.
 
     Raises:
         ArgumentError: If the arms of these fingers differ, or a mount has a single finger.
@@ -192,16 +192,16 @@ def hand_parts(
 
 
 def _common_arm(hand: Hand, fingers: Sequence[str]) -> Arm | None:
-    """Return the arm that carries some fingers of one robot, None where there is none."""
-    found = {name: arm_above(hand, carrier_of(hand, name)) for name in fingers}
-    joints = {0 if arm is None else arm.joint for arm in found.values()}
+    """Return the arm that carries some fingers of one robot; None: there is none."""
+    carriers = {name: arm_above(hand, carrier_of(hand, name)) for name in fingers}
+    joints = {0 if arm is None else arm.joint for arm in carriers.values()}
     if len(joints) > 1:
         raise ArgumentError(
             "fingers",
-            f"{', '.join(found)} hang on different palms of one robot: name those of one palm "
+            f"{', '.join(carriers)} hang on different palms of one robot: name those of one palm "
             "(--finger), or let the robot move with its base: move_base (--move-base)",
         )
-    return found[fingers[0]]
+    return carriers[fingers[0]]
 
 
 def _hand_part(
@@ -221,13 +221,13 @@ def _hand_part(
 
 
 def draw_start(plan: PlacingPlan, index: int, number: int, rng: np.random.Generator) -> Draw:
-    """Return where a part of the hand begins in a candidate.
+    """Draw the start of a part of the hand in a candidate.
 
     Args:
         plan: The plan.
-        index: Of the part.
-        number: Of the candidate.
-        rng: Of both.
+        index: Index of the part.
+        number: Number of the candidate.
+        rng: Generator for this part and candidate.
     """
     if plan.parents:
         return _varied_draw(plan, index, plan.parents[number % len(plan.parents)].draws[index], rng)
@@ -250,7 +250,7 @@ def draw_start(plan: PlacingPlan, index: int, number: int, rng: np.random.Genera
 def _random_turn(
     plan: PlacingPlan, posture: OpposingPosture, rng: np.random.Generator
 ) -> FloatArray:
-    """Return a random (3, 3) turn of the hand; half of them close along a normal of the object."""
+    """Return a random rotation (3, 3) of the hand; half of them close along an object's normal."""
     if rng.random() < _ALIGNED_SHARE:
         areas = plan.areas
         if plan.direction is not None:
@@ -274,7 +274,7 @@ def _random_turn(
 
 
 def _varied_draw(plan: PlacingPlan, index: int, draw: Draw, rng: np.random.Generator) -> Draw:
-    """Return a draw near another one."""
+    """Return a random variation of a draw."""
     posture = plan.parts[index].postures[draw.posture]
     rotation_vector = rng.normal(size=3) * _VARIED_TURN * (rng.random() < _TURNED_SHARE)
     turn = Rotation.from_rotvec(rotation_vector).as_matrix()

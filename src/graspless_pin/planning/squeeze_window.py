@@ -1,6 +1,6 @@
 """How hard a hand may squeeze: from where it slips to where it buckles, or a limit is reached.
 
-Joints that follow others change by the least that keeps balance.
+Torques of joints without a part in the direction change as little as balance allows.
 """
 
 from __future__ import annotations
@@ -42,22 +42,22 @@ from graspless_pin.solution.tables import from_to
 
 _REST = SolveOptions.parse(static_friction=StaticFriction.COULOMB)
 _NO_SQUEEZE = 1e-6
-"""Of the contact forces: less than this inside them is no squeeze."""
+"""Relative to the contact forces: smaller internal forces are no squeeze."""
 _LIMIT_SLACK = 1e-6
-"""Of a limit, or of the load: what torques may exceed it by, or margins be below zero."""
+"""Relative to a limit, or to the load: tolerance of torques at limits, and of negative margins."""
 _FRICTION_USED = 0.9
-"""Of the coefficients: what joints that follow let contacts use, where balance leaves them that."""
+"""Share of the friction coefficients that torques which follow may use, if balance allows it."""
 _SHARE_HALVINGS = 8
 _MOST_NAMED = 3
 _FARTHEST_AMOUNT = 100.0
-"""Multiples of the direction that are looked at where no effort limit ends them."""
-_ROUNDING = 1e-3  # of the width, as ends are precise to
+"""Largest multiple of the direction where no effort limit is reached before."""
+_ROUNDING = 1e-3  # of the width, the default precision of ends
 _FINEST_END = 1e-6
-"""Of the width that is looked at: ends are told no finer, however narrow the window is."""
+"""Finest precision of ends, as a share of the range of amounts, however narrow the window is."""
 
 
 class OtherJoints(StrEnum):
-    """What joints do that a direction leaves out. See the example of `squeeze_window`."""
+    """Torques of joints that a direction leaves out. See the example of `squeeze_window`."""
 
     FOLLOW = "follow"
     """Their torques change as little as balance admits."""
@@ -66,7 +66,7 @@ class OtherJoints(StrEnum):
 
 
 class EndReason(StrEnum):
-    """What ends a window of squeeze. See the example of `squeeze_window`."""
+    """Why a window of squeeze ends. See the example of `squeeze_window`."""
 
     LIMIT = "limit"
     """A joint reaches its effort limit, or contact forces theirs."""
@@ -81,7 +81,7 @@ class EndReason(StrEnum):
     UNDECIDED = "undecided"
     """No verdict."""
     SEARCH = "search"
-    """It holds as far as it was looked."""
+    """It holds in the whole range of amounts."""
 
 
 _REASONS = {
@@ -100,9 +100,9 @@ class WindowEnd:
     Attributes:
         amount: Multiple of the direction up to which the object holds.
         torques: (L,) the motors' torques there, N m (N).
-        normal_force: With how much the joints press there, N: see `SqueezeWindow.normal_forces`.
-        reason: What ends it.
-        message: The same in words: what the verdict says just beyond.
+        normal_force: Sum of normal forces there, N: see `SqueezeWindow.normal_forces`.
+        reason: Why it ends.
+        message: The same in words: the message of the verdict just beyond.
     """
 
     amount: float
@@ -118,20 +118,19 @@ class SqueezeWindow(Brief):
 
     Attributes:
         direction: (L,) change of torques, N m (N).
-        lower: Where less squeeze ends it; None: the given torques do not hold.
-        upper: Where more does; None as above.
-        others: Further stretches of amounts in which samples hold, (low, high) each.
-        amounts: (K,) multiples of the direction that were looked at, ascending.
+        lower: The end with less squeeze; None: the given torques do not hold.
+        upper: The end with more squeeze; None as above.
+        others: Further intervals of amounts in which samples hold, (low, high) each.
+        amounts: (K,) multiples of the direction that were sampled, ascending.
         torques: (K, L) the motors' torques there, N m (N).
         normal_forces: (K,) sum of the normal forces of the contacts that joints act on, N; NaN
             where no forces within limits balance the torques. Where torques leave forces open,
-            those of the largest margin count.
+            those with the largest margin are used.
         holding: K answers under the controller.
         margins: (K,) margin of these torques, N; NaN where no forces within limits balance them.
         growth: (K,) rate at which a small motion grows, 1/s; NaN where it is not known.
-        controller: What runs on the joints, in words; empty: it is not stated, and the torques are
-            constant.
-        message: What the verdict says of the given torques.
+        controller: The controller in words; empty: it is not stated, and the torques are constant.
+        message: The message of the verdict on the given torques.
         joint_names: L names of the joints.
         joint_units: L units of their torques.
         of_internal_forces: Whether the direction is that of the internal contact forces.
@@ -155,13 +154,13 @@ class SqueezeWindow(Brief):
 
     @property
     def squeezed(self) -> tuple[int, ...]:
-        """Joints of the direction, or of many the one that changes most."""
+        """Joints of the direction, or if they are many the one with the largest change."""
         moved = np.flatnonzero(self.direction).tolist()
         return (*moved,) if len(moved) <= _MOST_NAMED else (int(np.abs(self.direction).argmax()),)
 
     @property
     def ends_words(self) -> str:
-        """The hand's normal forces and the squeezed joints' torques at both ends; empty: none."""
+        """Normal forces and the squeezed joints' torques at both ends in words, if there are ends."""
         if self.lower is None or self.upper is None:
             return ""
         pressed = f"{from_to(self.lower.normal_force, self.upper.normal_force, _ROUNDING)} N"
@@ -175,7 +174,7 @@ class SqueezeWindow(Brief):
         return "; ".join([f"the hand presses with {pressed} (sum of normal forces)", *has])
 
     def __str__(self) -> str:
-        """Return the window, and what fails at its ends."""
+        """Return the window, and why it ends."""
         with_what = f" with {self.controller}" if self.controller else ""
         if self.lower is None or self.upper is None:
             lines = [f"the given torques do not hold{with_what}: {self.message}"]
@@ -207,9 +206,9 @@ def squeeze_window(
 ) -> SqueezeWindow:
     """Find how hard a hand may squeeze at least and at most, and what fails first at either end.
 
-    Torques change along a direction, from the given ones on: in samples at first, then each end of
-    the window around the given torques is bisected. Every sample is a whole verdict under the
-    scene's controller. Of a problem made from arrays small motions are known only where contacts
+    Torques change along a direction from the given ones. Samples are evaluated first, then each end
+    of the window around the given torques is bisected. Every sample has a whole verdict under the
+    scene's controller. For a problem made from arrays small motions are known only where contacts
     leave none.
 
     Args:
@@ -218,14 +217,13 @@ def squeeze_window(
         direction: (L,) change of torques, or by the names of joints; None: the torques of the
             internal contact forces, those of the rest's forces that balance each other, so that
             the amount -1 takes the squeeze away and 1 doubles it.
-        other_joints: What joints do that have no part in the direction: ``follow`` changes their
-            torques as little as balance admits: the sum of squares, each over the joint's limit,
-            is least, with friction up to 0.9 of its coefficient where that is enough; ``fixed`` by
-            nothing.
-            All joints follow around the direction of the internal forces.
-        samples: How many on either side of the given torques, or the amounts themselves.
-        precision: Of the ends, as a share of the window's width; 1: samples alone tell.
-        node_limit: Sets of outcomes that each verdict looks at.
+        other_joints: Torques of joints without a part in the direction: ``follow`` changes them as
+            little as balance admits: the sum of squares, each over the joint's limit, is least,
+            with friction up to 0.9 of its coefficient where that is enough; ``fixed`` does not.
+            Without a given direction all joints follow.
+        samples: Their number on either side of the given torques, or the amounts themselves.
+        precision: Of the ends, as a share of the window's width; 1: ends are samples.
+        node_limit: Most sets of outcomes that each verdict searches.
 
     Raises:
         ArgumentError: If an argument is wrong, or there is no internal force and no direction.
@@ -289,7 +287,7 @@ def squeeze_window(
 
 
 def _sampled_amounts(samples: int | Sequence[float], low: float, high: float) -> FloatArray:
-    """Return the amounts that are looked at, ascending, that of the given torques among them."""
+    """Return the amounts to be sampled, ascending, including 0 for the given torques."""
     if not isinstance(samples, Sequence | np.ndarray):
         count = whole_number("samples", samples, 1) + 1
         return np.unique([np.linspace(low, 0.0, count), np.linspace(0.0, high, count)])
@@ -304,7 +302,7 @@ def _sampled_amounts(samples: int | Sequence[float], low: float, high: float) ->
 
 @dataclass(frozen=True, eq=False)
 class _Sample:
-    """One amount, and what is said of it."""
+    """One amount, with its torques, verdict and margin."""
 
     amount: float
     torques: FloatArray
@@ -325,7 +323,7 @@ class _Sample:
 
 
 class _Bracket(NamedTuple):
-    """Where a window ends: the last point that holds, and the next that does not; None: none."""
+    """One end of a window: the last sample that holds, and the next, which does not; None: none."""
 
     good: _Sample
     bad: _Sample | None
@@ -337,7 +335,7 @@ class _Bracket(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class _TorqueLine:
-    """Torques along a direction."""
+    """Torques along a direction, evaluated by verdict and margin."""
 
     problem: QuasistaticProblem
     torques: FloatArray
@@ -356,10 +354,11 @@ class _TorqueLine:
         return max(low, lowest), high
 
     def sample_at(self, amount: float) -> _Sample:
-        """Return what becomes of an amount."""
+        """Evaluate an amount."""
         torques = self.torques + amount * self.direction
         if not self.held.all() and amount != 0.0:
             torques = _torques_that_follow(self.problem, torques, self.held, self.direction)
+        # The limits are those of `amount_range`.
         unlimited = self.problem.with_changes(torque_limits=(-np.inf, np.inf))
         best = solve_problem(unlimited, AtTorques(Margin(), torques), _REST)
         margin, pressed = best.margin, np.nan
@@ -367,7 +366,7 @@ class _TorqueLine:
             by_joints = self.problem.jacobian.reshape(-1, 3, len(torques)).any(axis=(1, 2))
             normal = (self.problem.normals * best.contact_forces).sum(axis=1)
             pressed = float(normal[by_joints].sum())
-        # Torques that follow lie at the edge of what balances: rounding makes nothing less of it.
+        # Torques that follow may be at the boundary of balance: their margin is 0 up to rounding.
         if -_LIMIT_SLACK * self.problem.scales.force < margin < 0.0:
             margin = 0.0
         return _Sample(amount, torques, self.verdict_on(torques), margin, pressed)
@@ -388,15 +387,15 @@ class _TorqueLine:
 def _torques_that_follow(
     problem: QuasistaticProblem, torques: FloatArray, kept: NDArray[np.bool_], direction: FloatArray
 ) -> FloatArray:
-    """Return torques of balance with those of some joints held; as they are where none balance.
+    """Return the nearest torques that balance, with some torques kept; unchanged if none balance.
 
-    The least change alone would use up the friction of some contact: a reserve is kept if it can.
+    The least change alone would use up the friction of some contact: a reserve is kept if possible.
 
     Args:
         problem: The problem; its torque limits are kept.
-        torques: (L,) that balance may change, N m (N).
-        kept: (L,) joints whose torques stay.
-        direction: (L,) along which nothing changes, in the norm scaled by the limits.
+        torques: (L,) to be changed, N m (N).
+        kept: (L,) mask of joints whose torques stay.
+        direction: (L,) to which changes are orthogonal, in the norm scaled by the limits.
     """
     lower, upper = problem.lower_torque.copy(), problem.upper_torque.copy()
     lower[kept] = upper[kept] = torques[kept]
@@ -408,18 +407,18 @@ def _torques_that_follow(
         solution = solve_problem(changed, least, _REST)
         return np.where(kept, torques, solution.torques) if solution.found else None
 
-    found = with_friction_share(_FRICTION_USED)
-    if found is not None:
-        return found
-    found, (low, high) = with_friction_share(1.0), (_FRICTION_USED, 1.0)
-    if found is None:
+    balanced = with_friction_share(_FRICTION_USED)
+    if balanced is not None:
+        return balanced
+    balanced, (low, high) = with_friction_share(1.0), (_FRICTION_USED, 1.0)
+    if balanced is None:
         return torques
     for _ in range(_SHARE_HALVINGS):  # the least share, so that torques do not jump
         middle = 0.5 * (low + high)
         nearer = with_friction_share(middle)
         low, high = (middle, high) if nearer is None else (low, middle)
-        found = found if nearer is None else nearer
-    return found
+        balanced = balanced if nearer is None else nearer
+    return balanced
 
 
 def _squeeze_direction(
@@ -427,7 +426,7 @@ def _squeeze_direction(
     given: ArrayLike | Mapping[str, float] | None,
     verdict: StabilityVerdict,
 ) -> FloatArray:
-    """Return the direction (L,) that is given, or that of the internal forces."""
+    """Return the given direction (L,), checked, or the torques of the internal forces."""
     if isinstance(given, Mapping):
         unknown = [name for name in given if name not in problem.joint_names]
         if unknown:
@@ -452,7 +451,7 @@ def _squeeze_direction(
 
 
 def _first_bracket(points: Sequence[_Sample]) -> _Bracket:
-    """Return the last point of a row up to which all hold, and the one after it."""
+    """Return the last sample of the first ones that hold, and the one after it."""
     for last, point in pairwise(points):
         if not point.holds:
             return _Bracket(last, point)
@@ -462,16 +461,16 @@ def _first_bracket(points: Sequence[_Sample]) -> _Bracket:
 def _bisected_ends(
     line: _TorqueLine, brackets: list[_Bracket], share: float, finest: float
 ) -> list[WindowEnd]:
-    """Return both ends of a window, each to a share of its width.
+    """Return both ends of a window, bisected to a share of its width.
 
     Args:
         line: The torques along the direction.
-        brackets: Where the lower and the upper end are.
+        brackets: Brackets of the lower and the upper end; they are narrowed.
         share: Of the window's width; from 1 on brackets stay as they are.
-        finest: Amounts that are told apart, however narrow the window is.
+        finest: Least width of a bracket, however narrow the window is.
     """
     while share < 1.0:
-        # The window grows while its ends are looked for: the wider bracket first.
+        # The window grows while its ends are bisected: the wider bracket first.
         side = max(range(len(brackets)), key=lambda index: brackets[index].width)
         good, bad = brackets[side].good, brackets[side].bad
         inside = brackets[1].good.amount - brackets[0].good.amount
@@ -479,11 +478,11 @@ def _bisected_ends(
             break
         middle = line.sample_at(0.5 * (good.amount + bad.amount))
         brackets[side] = _Bracket(middle, bad) if middle.holds else _Bracket(good, middle)
-    return [_window_end(line, one) for one in brackets]
+    return [_window_end(line, bracket) for bracket in brackets]
 
 
 def _window_end(line: _TorqueLine, bracket: _Bracket) -> WindowEnd:
-    """Return the end that a bracket tells."""
+    """Return the end of a window from its bracket."""
     last, ends = bracket.good, (EndReason.SEARCH, "holds as far as it was looked")
     if bracket.bad is not None:
         ends = bracket.bad.failure
@@ -493,9 +492,9 @@ def _window_end(line: _TorqueLine, bracket: _Bracket) -> WindowEnd:
 
 
 def _other_stretches(points: list[_Sample], middle: int) -> list[tuple[float, float]]:
-    """Return the stretches of samples that hold, but for that about the given torques."""
+    """Return the intervals in which samples hold, without that around the given torques."""
     runs = groupby(range(len(points)), key=lambda index: points[index].holds)
     stretches = [[*run] for holds, run in runs if holds]
     return [
-        (points[one[0]].amount, points[one[-1]].amount) for one in stretches if middle not in one
+        (points[run[0]].amount, points[run[-1]].amount) for run in stretches if middle not in run
     ]

@@ -1,6 +1,6 @@
-"""Many states of one scene in loops: the hand elsewhere, and contacts found in each state.
+"""Many states of one scene in compiled loops: other configurations, contacts found in each state.
 
-Of an object that moves with a link, all states are one problem under other loads.
+With an object that moves with a link, all states are one problem under different loads.
 """
 
 from __future__ import annotations
@@ -42,20 +42,20 @@ from graspless_pin.scene.scene_findings import StateChecks, state_findings
 _FOUND = STATUSES.index(StateStatus.FOUND)
 COVERAGES = None, *Coverage
 _StateGroup = tuple[NDArray[np.intp], Callable[[int], int]]
-"""Numbers of states that one loop takes, and what solves them from one of these on: it returns how
-many before one needs more."""
+"""Numbers of states with the same contacts, and a function that solves them from one of these on:
+it returns how many it solved before one that has to be solved by itself."""
 
 
 class StateFigures(NamedTuple):
-    """What is found of K states; NaN where nothing is.
+    """Results of K states; NaN where there are none.
 
     Attributes:
-        codes: (K,) numbers of the statuses among `STATUSES`.
-        figures: (K, 6) with the columns that `core.FIGURES` names; margins are -inf where there are
-            no torques.
+        codes: (K,) indices of the statuses in `STATUSES`.
+        figures: (K, 6) with the columns of `core.FIGURES`; margins are -inf where there are no
+            torques.
         torques: (K, L) of all torques that any state may have.
         contact_counts: (K,); 0 where there is no problem.
-        coverages: (K,) numbers among `COVERAGES`.
+        coverages: (K,) indices into `COVERAGES`.
     """
 
     codes: NDArray[np.uint8]
@@ -73,11 +73,11 @@ class StateFigures(NamedTuple):
         return cls(codes, figures, torques, counts, np.zeros(count, np.uint8))
 
     def enter(self, number: int, evaluation: Evaluation, torque_names: tuple[str, ...]) -> None:
-        """Enter what was found of one state.
+        """Enter the answer for one state.
 
         Args:
-            number: Of the state.
-            evaluation: The answer.
+            number: Number of the state.
+            evaluation: Its answer.
             torque_names: L names of the columns of the torques.
         """
         self.codes[number] = STATUSES.index(evaluation.status)
@@ -95,25 +95,25 @@ class StateFigures(NamedTuple):
     def enter_refusal(
         self, number: int, at: Configurations, scene: Scene, checks: StateChecks
     ) -> None:
-        """Enter the first of the `refusals` of a scene in one of the states, if there is any."""
+        """Enter the first of the `refusals` of a scene in one state, if there is any."""
         for status, _ in islice(refusals(at, scene, checks), 1):
             self.codes[number] = STATUSES.index(status)
 
 
 def columns_among(all_names: tuple[str, ...], names: tuple[str, ...]) -> NDArray[np.intp]:
-    """Return where some torques stand among all."""
+    """Return the indices of some torques among all."""
     return np.array([all_names.index(name) for name in names], dtype=np.intp)
 
 
 def refusals(
     at: Configurations, scene: Scene, checks: StateChecks
 ) -> Iterator[tuple[StateStatus, str]]:
-    """Yield statuses and messages of what a scene is refused for in one of its states.
+    """Yield statuses and messages of the findings for which a state is refused.
 
     Args:
-        at: The states.
+        at: The states of the scene.
         scene: The scene in this one.
-        checks: What is looked for.
+        checks: The checks that are made.
     """
     for finding in state_findings(scene, checks):
         yield StateStatus[finding.code.name], finding.message
@@ -123,13 +123,19 @@ def refusals(
 
 
 def is_reached(value: float, signed_unit: float, margin: float) -> bool:
-    """Return whether a margin is reached, N, by the value of Algorithm 1's program and its unit."""
+    """Return whether the optimum of Algorithm 1 reaches a margin, N.
+
+    Args:
+        value: Of its program, which is minimised, in units of ``signed_unit``.
+        signed_unit: Unit of the program's value, N, with a sign.
+        margin: N.
+    """
     goal = margin / abs(signed_unit)
     return value <= optimality_tolerance(goal) - goal
 
 
 class StateLoops:
-    """Finds optima of states by what was learned of others with the same contacts."""
+    """Finds optima of states by warm starts from other states with the same contacts."""
 
     def __init__(
         self,
@@ -138,7 +144,7 @@ class StateLoops:
         checks: StateChecks,
         starts: StartsByContacts,
     ) -> None:
-        """Take the states, how they are solved, and where what was learned is kept."""
+        """Set the states, the options and checks of their solution, and the warm starts."""
         self._at = configurations
         self._options = options
         self._checks = checks
@@ -146,11 +152,11 @@ class StateLoops:
 
     @cached_property
     def _finder(self) -> BatchContactFinder:
-        """What finds contacts in loops, and keeps what states with the same contacts share."""
+        """Finds contacts in compiled loops, and keeps the data shared by the same contacts."""
         return BatchContactFinder(self._at.scene, collisions=self._checks.collisions)
 
     def learn(self, scene: Scene, problem: QuasistaticProblem) -> None:
-        """Keep what a problem that was solved by itself shares with those of the same contacts."""
+        """Keep the data of a solved problem that states with the same contacts share."""
         self._finder.store(scene, problem)
 
     def optima_of_states(
@@ -161,18 +167,18 @@ class StateLoops:
         alone: Callable[[int, bool], object],
         enough: float | None = None,
     ) -> None:
-        """Solve many states by warm starts in loops alone, and others one by one as they come.
+        """Solve many states by warm starts in compiled loops, and the others one by one in between.
 
         Args:
-            q: (K, a) configurations in which nothing else differs from the scene; None: something
-                does, and each state goes alone.
-            objective: What is optimised.
-            found: Where what loops find is entered: with contacts, or with a fault.
-            alone: Called with the number of each state that has to be solved by itself, so that
-                what is learned there serves those after it; and whether the hand is known to be
-                deep in nothing there.
-            enough: Margin of which it is enough to know whether it is reached, N, where that is
-                cheaper; None: optima are looked for.
+            q: (K, a) configurations, if nothing else differs from the scene; None: each state is
+                solved by itself.
+            objective: The objective.
+            found: Arrays into which loops enter results and refusals.
+            alone: Called with the number of each state that has to be solved by itself, before
+                those after it, which profit from its warm start; and with whether the hand is known
+                to be clear of overlaps there.
+            enough: Margin, N: where it is cheaper, only whether it is reached is decided; None:
+                optima are searched.
         """
         states = None if q is None else self.posed(q, objective)
         clear = [False] * len(found.codes)
@@ -192,7 +198,7 @@ class StateLoops:
             alone(number, clear[number])
 
     def posed(self, q: FloatArray, objective: Objective) -> BatchContacts | None:  # noqa: ARG002
-        """Return configurations (K, a) posed by loops; None: they cannot be."""
+        """Return the contacts of configurations (K, a), found in loops; None: loops cannot."""
         return None if self._at.scene.hand is None else self._finder.at(q)
 
     def _state_groups(
@@ -203,25 +209,25 @@ class StateLoops:
         enough: float | None,  # noqa: ARG002 - here optima are as cheap
         found: StateFigures,
     ) -> Iterator[_StateGroup]:
-        """Yield states with the same contacts, those alone that have no serious finding.
+        """Yield groups of states with the same contacts and without serious findings.
 
         Args:
             q: (K, a) configurations.
-            states: What loops have found of them.
-            objective: What is optimised.
+            states: Their contacts.
+            objective: The objective.
             enough: See `optima_of_states`.
-            found: Where what is found is entered.
+            found: Arrays into which results and refusals are entered.
         """
         for shapes, touching in states.groups():
             order = self._without_findings(shapes, touching, q, states, found)
             yield order, partial(self._solve_group, shapes, objective, order, states, found)
 
     def answer(self, states: BatchContacts, objective: Objective) -> WarmAnswer | None:
-        """Solve one state as many are; None: it has to be solved by itself.
+        """Solve a single state in loops; None: it has to be solved by itself.
 
         Args:
-            states: It alone, posed by loops.
-            objective: What is optimised.
+            states: The contacts of this one state.
+            objective: The objective.
         """
         if states.counts[0] < 0 or states.doubtful[0]:
             return None
@@ -246,7 +252,7 @@ class StateLoops:
         return WarmAnswer(objective, rules, optimum, margin, torques[0], names, units)
 
     def reaches(self, states: BatchContacts, margin: float) -> bool | None:
-        """Tell whether one state is proven to reach a margin, N; None: see `answer`."""
+        """Decide whether a single state reaches a margin, N; None: see `answer`."""
         answer = self.answer(states, Margin())
         if answer is None:
             return None
@@ -260,19 +266,19 @@ class StateLoops:
         states: BatchContacts,
         found: StateFigures,
     ) -> NDArray[np.intp]:
-        """Return those of some states that have no serious finding, and enter it for the others.
+        """Return the states without serious findings, and enter refusals for the others.
 
         Args:
-            shapes: The hand's shapes that touch in all of them.
-            order: Their numbers.
+            shapes: The hand's shapes that touch in all of the states.
+            order: Numbers of the states.
             q: (K, a) configurations.
-            states: What loops have found.
-            found: Where findings are entered.
+            states: Their contacts.
+            found: Arrays into which refusals are entered.
         """
         at, off = self._at, self._checks.need_hand and not shapes
         of_overlaps = self._checks._replace(need_hand=False)
         doubtful = order[states.doubtful[order]].tolist()
-        # Where contacts with supports are wrong, that is said of each state by itself.
+        # Where contacts with supports are wrong, the error is that of each state by itself.
         if not (off or doubtful) or self._has_no_problem(at.scene_at(q[order[0]], None, None)):
             return order
         if off:
@@ -291,7 +297,7 @@ class StateLoops:
         found: StateFigures,
         begin: int,
     ) -> int:
-        """Solve states with the same contacts from one on; how many before one needs more."""
+        """Solve states with the same contacts from one on; return how many loops could solve."""
         shared = self._finder.shared_data(shapes)
         if shared is None:
             return 0
@@ -310,7 +316,7 @@ class StateLoops:
 
     @staticmethod
     def _has_no_problem(scene: Scene) -> bool:
-        """Return whether a scene has no problem in its state."""
+        """Return whether a scene has no problem, as its contacts cannot be used."""
         try:
             scene.problem()
         except StateError:
@@ -322,21 +328,21 @@ _NO_BODIES = PlacedBodies.of(())
 
 
 class AttachedLoops(StateLoops):
-    """Finds optima of states in the axes of the joint that carries the link."""
+    """Finds optima of states with an object that moves with a link, in the link's axes."""
 
     _at: AttachedConfigurations
 
     def learn(self, scene: Scene | None = None, problem: QuasistaticProblem | None = None) -> None:  # noqa: ARG002
-        """Take what served last, or was left behind by a search since."""
+        """Take over the best warm starts, also those of searches since the last call."""
         for objective, sweep in list(self._sweeps.items()):
             starts = self._starts.for_contacts(self._at.touching.bodies, self._problem, objective)
             sweep.learn(self._problem, starts.best)
 
     def answer(self, states: BatchContacts, objective: Objective) -> None:
-        """Return None: a whole answer is solved by itself."""
+        """Return None: whole answers are solved one by one."""
 
     def reaches(self, states: BatchContacts, margin: float) -> bool | None:
-        """Do what `StateLoops.reaches` does, with no more than one state needs."""
+        """Decide whether a single state reaches a margin, N; None: loops cannot."""
         if states.counts[0] < 0 or states.doubtful[0]:
             return None
         figures, torques = np.empty((1, 6)), np.empty((1, self._problem.joint_count))
@@ -347,7 +353,7 @@ class AttachedLoops(StateLoops):
         return is_reached(value, unit, margin)
 
     def posed(self, q: FloatArray, objective: Objective) -> BatchContacts | None:
-        """Do what `StateLoops.posed` does; None: loops are not for this objective, too."""
+        """Return the poses of configurations (K, a); None: also if loops lack the objective."""
         cone = CONE_MODELS[self._at.scene.cone]
         if self._posing_loops is None or not are_for(cone, objective, self._options):
             return None
@@ -382,7 +388,7 @@ class AttachedLoops(StateLoops):
         yield order, advance
 
     def _load_rows(self, states: BatchContacts, order: Any) -> FloatArray:
-        """Return (K, 2M + 6 + 3L) what bears on the contacts of some states as loops take it."""
+        """Return (K, 2M + 6 + 3L) rows of load data of some states, as loops take them."""
         at, problem = self._at, self._problem
         kinematics = Kinematics(states.poses[order], states.columns[order])
         wrenches, torques = carried_loads(
@@ -399,7 +405,7 @@ class AttachedLoops(StateLoops):
         return rows
 
     def _load_sweep(self, objective: Objective) -> LoadSweep:
-        """Return the loops for an objective."""
+        """Return the loop over loads for an objective."""
         sweeps = self._sweeps
         if objective not in sweeps:
             sweeps[objective] = LoadSweep(
@@ -410,24 +416,24 @@ class AttachedLoops(StateLoops):
 
     @cached_property
     def _sweeps(self) -> dict[Objective, LoadSweep]:
-        """The loops by objective."""
+        """The loops over loads, by objective."""
         return {}
 
     @cached_property
     def _problem(self) -> QuasistaticProblem:
-        """One of the problems, for what all of them share."""
+        """The problem of the scene's own state, for the data that all states share."""
         return self._at.shared_problem(self._at.scene, self._at.scene.problem())
 
     @cached_property
     def _constant_loads(self) -> FloatArray:
-        """What of the loads no state changes; those of the joints are added to it."""
+        """The load data that are the same in all states; gravity torques are added to them."""
         scene = self._at.scene
         loads = loads_of(scene, jointed_contacts(scene))
         return loads._replace(gravity_torques=np.zeros(self._problem.joint_count)).row()
 
     @cached_property
     def _posing_loops(self) -> Any:
-        """The loops that pose the hand; None: nothing was compiled."""
+        """The compiled loops that pose the hand; None: nothing was compiled."""
         if core is None:
             return None
         at, tree = self._at, self._at.hand.tree
@@ -448,8 +454,8 @@ class AttachedLoops(StateLoops):
 
 
 def _checked_pairs(at: AttachedConfigurations, sets: Any, pieces: int) -> Any:
-    """Return the pairs of links, and of links beside the object and its pieces, for loops."""
+    """Return the pairs of shapes checked for overlaps: of links, and of links and the object."""
     count, tree = len(at.moves_apart), at.hand.tree
-    beside = np.flatnonzero(at.moves_apart).tolist()
-    places = [*pairs_of(tree).tolist(), *((k, count + p) for k in beside for p in range(pieces))]
-    return core.BodyPairs(sets, [i for i, _ in places], [j for _, j in places])
+    apart = np.flatnonzero(at.moves_apart).tolist()
+    pairs = [*pairs_of(tree).tolist(), *((k, count + p) for k in apart for p in range(pieces))]
+    return core.BodyPairs(sets, [i for i, _ in pairs], [j for _, j in pairs])

@@ -1,4 +1,4 @@
-"""From one state of a scene to its answer, by what was learned of others where that will do."""
+"""Solution of single states of a scene, by warm starts from other states where possible."""
 
 from __future__ import annotations
 
@@ -38,13 +38,13 @@ if TYPE_CHECKING:
 
 
 class PosedScene(NamedTuple):
-    """A scene in one of its states, before anything is solved.
+    """A scene in one of its states, before it is solved.
 
     Attributes:
-        scene: The scene in this state; where a joint is outside its limits and the first fault is
-            all that was asked for, with the evaluator's own configuration.
-        problem: Its problem; None where there is none or none was asked for.
-        faults: Statuses and messages of what is wrong with it.
+        scene: The scene in this state; where a joint is outside its limits and only the first fault
+            is searched, with the evaluator's own configuration.
+        problem: Its problem; None: there is none, or torques are not required.
+        faults: Statuses and messages of its faults.
     """
 
     scene: Scene
@@ -53,19 +53,19 @@ class PosedScene(NamedTuple):
 
 
 class StateSolver:
-    """Solves states of one scene and learns from each.
+    """Solves states of one scene and keeps warm starts from each.
 
     Warm starts are kept by contacts and tried in the order of their success. States of an object
-    that moves with a link are one problem under other loads, in the axes of the joint that carries
-    the link. Threads may share a solver; what it has learned stays behind where it is pickled.
+    that moves with a link are one problem under different loads, in the axes of the joint that
+    carries the link. Threads may share a solver; warm starts are not pickled.
 
     Attributes:
         configurations: The states that the scene can be put into.
-        objective: What is optimised.
-        options: How.
-        checks: What a state is refused for.
-        loops: What solves many states at once.
-        uncertainty: The set for all members of which states are solved; None: the scene as it is.
+        objective: The objective.
+        options: Options of the solution.
+        checks: Findings for which a state is refused.
+        loops: Solves many states at once.
+        uncertainty: The set for all members of which states are solved; None: the nominal scene.
     """
 
     uncertainty: Uncertainty | None = None
@@ -77,7 +77,7 @@ class StateSolver:
         options: SolveOptions,
         checks: StateChecks = ALL_CHECKS,
     ) -> None:
-        """Begin with nothing learned."""
+        """Start without warm starts."""
         self.configurations = configurations
         self.objective = objective
         self.options = options
@@ -87,28 +87,28 @@ class StateSolver:
         self.loops = loops(configurations, options, checks, self._starts)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Return what was given: what was learned is learned again elsewhere."""
+        """Pickle the arguments alone, without warm starts."""
         return type(self), self._arguments(self.objective)
 
     def with_objective(self, objective: Objective) -> StateSolver:
-        """Return one for another objective, that has learned nothing."""
+        """Return a solver for another objective, without warm starts."""
         return type(self)(*self._arguments(objective))
 
     def _arguments(self, objective: Objective) -> tuple[Any, ...]:
-        """Return what one for an objective is made of."""
+        """Return the arguments of a solver like this one for an objective."""
         return self.configurations, objective, self.options, self.checks
 
     def with_scene(self, scene: Scene) -> StateSolver:
-        """Return one for a pinned scene of another mass and friction; they learn together."""
+        """Return a solver for a pinned scene of other mass and friction; they share warm starts."""
         changed = copy(self)
         changed.configurations = self.configurations.with_scene(scene)
         return changed
 
     def solve(self, q: Any, T_world_object: Any, twist: Any, *, clear: bool = False) -> Evaluation:
-        """Solve for one state, with as few records as can be: see `Evaluator.evaluate`.
+        """Solve for one state, with few records: see `Evaluator.evaluate`.
 
-        Of an object that moves with a link, vectors are in no particular axes; ``clear`` is that of
-        `posed`.
+        With an object that moves with a link, vectors may be in the link's axes; ``clear`` is that
+        of `posed`.
         """
         scene, problem, faults = self.posed(q, T_world_object, twist, clear=clear)
         if problem is None or faults:
@@ -126,23 +126,23 @@ class StateSolver:
         scene, problem, faults = self.posed(q, T_world_object, twist, clear=_is_clear(known))
         if problem is None or faults:
             return Evaluation(*faults[0], scene, None)
-        # Where motors carry the link, the whole is not the problem that all states share.
-        alike = ("whole",) * self.configurations.motors_carry
+        # Where motors carry the link, the whole problem is not the one that all states share.
+        key = ("whole",) * self.configurations.motors_carry
         R = None if self.options.strong else self.configurations.axes_at(scene)
-        there = problem if R is None else rotated_problem(problem, R.T)
-        found = self._optimum(scene, there, self.objective, alike)
+        rotated = problem if R is None else rotated_problem(problem, R.T)
+        optimum = self._optimum(scene, rotated, self.objective, key)
         if R is not None:
-            found = (
-                rotated_solution(found, problem, R)
-                if isinstance(found, TorqueSolution)
-                else rotated_optimum(found, R)
+            optimum = (
+                rotated_solution(optimum, problem, R)
+                if isinstance(optimum, TorqueSolution)
+                else rotated_optimum(optimum, R)
             )
-        return self._evaluation(scene, problem, found)
+        return self._evaluation(scene, problem, optimum)
 
     def _evaluation(
         self, scene: Scene, problem: QuasistaticProblem, found: WarmOptimum | TorqueSolution
     ) -> Evaluation:
-        """Return the answer for a state that a warm start or a search has solved."""
+        """Return the answer for a state from the result of a warm start or a search."""
         if not isinstance(found, TorqueSolution):
             margin = problem.margin_of(found.forces)
             torques = problem.jacobian.T @ found.forces.ravel() + problem.gravity_torques
@@ -157,12 +157,12 @@ class StateSolver:
     def margin_of(
         self, scene: Scene, problem: QuasistaticProblem, required: float
     ) -> tuple[float, StateStatus]:
-        """Return the largest margin of a state, N, and what is said of it where one is required.
+        """Return the largest margin of a state, N, and its status for a required margin.
 
         Args:
             scene: The scene in the state.
             problem: Its problem.
-            required: The margin that is asked for, N.
+            required: The required margin, N.
 
         Returns:
             The margin, -inf where there are no torques, and `StateStatus.FOUND` if it is enough.
@@ -179,14 +179,14 @@ class StateSolver:
     def reaches(
         self, q: Any, T_world_object: Any, twist: Any, margin: float, *, clear: bool | None = None
     ) -> bool:
-        """Tell whether a state is proven to reach a margin: see `Evaluator.is_feasible`.
+        """Decide whether a state is proven to reach a margin: see `Evaluator.is_feasible`.
 
         Args:
             q: See there.
             T_world_object: See there.
             twist: See there.
-            margin: N; below zero: none is asked for.
-            clear: See `posed`; None: loops are asked for the state first.
+            margin: N; below zero: none is required.
+            clear: See `posed`; None: loops are tried first.
         """
         solve = margin >= 0.0
         known = None
@@ -199,11 +199,11 @@ class StateSolver:
         return self.holds(self.posed(q, T_world_object, twist, solve=solve, clear=clear), margin)
 
     def holds(self, state: PosedScene, margin: float) -> bool:
-        """Tell whether nothing is wrong with a state, and it is proven to reach a margin.
+        """Decide whether a state has no faults and is proven to reach a margin.
 
         Args:
             state: The state.
-            margin: N; below zero: none is asked for.
+            margin: N; below zero: none is required.
         """
         scene, problem, faults = state
         if faults or problem is None:
@@ -230,16 +230,16 @@ class StateSolver:
         whole: bool = False,
         clear: bool = False,
     ) -> PosedScene:
-        """Return the scene in a state, its problem, and what is wrong with it.
+        """Return the scene in a state, its problem and its faults.
 
         Args:
             q: See `Evaluator.evaluate`.
             T_world_object: See there.
             twist: See there.
-            solve: Whether torques are asked for: without contacts that can carry forces there is no
-                problem, which is a fault then.
-            whole: Whether all faults are looked for; otherwise one is enough.
-            clear: Whether the hand is known to be deep in nothing: it is not looked for again.
+            solve: Whether torques are required: then it is a fault if there is no problem, for lack
+                of contacts that can carry forces.
+            whole: Whether all faults are searched; otherwise the first one only.
+            clear: Whether the hand is known to be clear of overlaps, which are not checked again.
         """
         at, checks = self.configurations, self.checks
         problem: QuasistaticProblem | None = None
@@ -272,16 +272,16 @@ class StateSolver:
     def _posed_by_loops(
         self, q: Any, T_world_object: Any, twist: Any, objective: Objective
     ) -> BatchContacts | None:
-        """Return a state posed by loops; None: they do not take it."""
+        """Return the contacts of a state found in loops; None: loops cannot."""
         if T_world_object is not None or twist is not None:
             return None
         row = self.configurations.position_row(q)
         return None if row is None else self.loops.posed(row[None], objective)
 
     def _shared_problem(self, scene: Scene, problem: QuasistaticProblem) -> QuasistaticProblem:
-        """Return the problem as states with the same contacts share it, but for loads.
+        """Return the problem in the form that states with the same contacts share, except loads.
 
-        Rest is judged in world axes.
+        With ``stability="strong"`` it is the problem itself, in world axes.
         """
         strong = self.options.strong
         return problem if strong else self.configurations.shared_problem(scene, problem)
@@ -293,13 +293,13 @@ class StateSolver:
         objective: Objective,
         alike: tuple[str, ...] = (),
     ) -> WarmOptimum | TorqueSolution:
-        """Return the optimum that a warm start leads to, or what a search finds and teaches.
+        """Return the optimum from a warm start, or the solution of a search, which is learned from.
 
         Args:
             scene: The scene in a state.
-            problem: What is solved.
-            objective: What is optimised.
-            alike: What else is alike where warm starts serve.
+            problem: The problem that is solved.
+            objective: The objective.
+            alike: Key beside the contacts by which warm starts are kept.
         """
         starts = self._starts.for_contacts((*scene.contacts.bodies, *alike), problem, objective)
         found = starts.optimum(problem, objective, self.options)
@@ -314,20 +314,20 @@ class StateSolver:
 
 
 def _is_clear(known: BatchContacts | None) -> bool:
-    """Return whether loops have proven that the hand is deep in nothing."""
+    """Return whether loops have shown that the hand is clear of overlaps."""
     return known is not None and not known.doubtful[0]
 
 
 def status_of_margin(
     found: TorqueSolution | RobustSolution, force: float, bound: float, required: float
 ) -> tuple[float, StateStatus]:
-    """Return the margin that a search found, and what is said of it: see `StateSolver.margin_of`.
+    """Return the margin of a solution, N, and its status: see `StateSolver.margin_of`.
 
     Args:
-        found: What was found.
-        force: The load's, N.
-        bound: What no margin is larger than, N; NaN where there is none.
-        required: The margin that is asked for, N.
+        found: The solution of a search.
+        force: Scale of the load, N.
+        bound: Upper bound of the margin, N; NaN where there is none.
+        required: The required margin, N.
     """
     slack = OPTIMALITY_TOLERANCE * max(force, required)
     if found.found and found.margin >= required - slack:

@@ -1,11 +1,9 @@
-"""States of a scene of which not all is known exactly: one vector of torques serves the whole set.
+"""States of a scene with an uncertainty: one vector of torques for all members of the set.
 
-The joined problems of all members are none that compiled loops take: each state is solved by
-itself. Whether a margin is reached is known sooner where forces like those of an earlier state, or
-its mode, prove it, or the nominal problem, or the joined one under plain Coulomb friction, rules it
-out.
-
-Torques for all members may begin with those of a similar problem.
+Compiled loops do not solve the joined problems of all members: each state is solved by itself.
+Whether a margin is reached is decided sooner where forces near those of an earlier state, or its
+mode, prove it, or where the nominal problem, or the joined one under plain Coulomb friction, rules
+it out.
 """
 
 from __future__ import annotations
@@ -39,16 +37,16 @@ from graspless_pin.scene.uncertain_figures import check_names_in
 from graspless_pin.tree_search import Limits
 
 _CANCELS = 1e-9
-"""Of the load, or of what else there is: what rounding may leave of a figure."""
+"""Relative rounding error of a figure, to the load or to the largest figure of its kind."""
 
 
 class EarlierForces(NamedTuple):
-    """Forces of an earlier state.
+    """Contact forces of an earlier state.
 
     Attributes:
-        mean: (M, 3) of members under the same commands, along n, t1 and t2 of the contacts, N.
-        margin: That each of them keeps, N.
-        mode: The one mode that they are in; None: plain Coulomb friction.
+        mean: (M, 3) mean over members under the same commands, along n, t1 and t2, N.
+        margin: Margin that each member keeps, N.
+        mode: The common mode of the members; None: plain Coulomb friction.
     """
 
     mean: FloatArray
@@ -64,17 +62,17 @@ def earlier_forces_serve(
     *,
     directions: FloatArray | None = None,
 ) -> bool:
-    """Tell whether torques near those of earlier forces keep a margin for all members.
+    """Return whether torques near those of earlier forces keep a margin for all members.
 
     Args:
         members: K members, with as many contacts as there are earlier forces.
         earlier: Forces of an earlier state.
         margin: N.
-        options: How margins are looked for.
-        directions: What feedback may add, see `feedback_torques`.
+        options: Options of the solution.
+        directions: Directions of feedback torques, see `feedback_torques`.
 
     Returns:
-        Whether they are proven to do; False leaves it open.
+        True with a proof; False leaves it open.
     """
     if margin > earlier.margin:
         return False
@@ -98,7 +96,7 @@ def earlier_forces_serve(
 
 
 def _balancing_commands(members: Sequence[Member], earlier: EarlierForces) -> FloatArray | None:
-    """Return (L,) commands of forces near earlier ones that balance the mean load; None: none."""
+    """Return (L,) commands for forces near earlier ones that balance the mean load, or None."""
     first, mode = members[0].problem, earlier.mode
     coordinates = force_coordinates(first)
     layout, kept = coordinates.layout, np.ones(coordinates.layout.size, dtype=bool)
@@ -111,7 +109,7 @@ def _balancing_commands(members: Sequence[Member], earlier: EarlierForces) -> Fl
     inner = coordinates.basis @ earlier.mean.ravel()[layout.axes]
     inner -= basis @ (balance @ (first.W @ inner))
     start, added = members[0].commanded(first.J.T @ least), first.J.T @ inner / members[0].factors
-    # The largest margin is mostly at limits of torques: then a part of the inner forces will do.
+    # The largest margin is mostly at torque limits: then only a part of the inner forces is added.
     slack = np.where(added > 0.0, first.upper_torque - start, start - first.lower_torque)
     needed = np.abs(added)
     counts = needed > _CANCELS * needed.max(initial=0.0)
@@ -122,11 +120,11 @@ def _balancing_commands(members: Sequence[Member], earlier: EarlierForces) -> Fl
 
 
 _MOST_KEPT = 256
-"""Sets of contacts of which forces are kept."""
+"""Most sets of contacts whose forces are kept."""
 
 
 class UncertainStateSolver(StateSolver):
-    """Solves states for all members of a set, each by itself.
+    """Solves states for all members of an uncertainty, each state by itself.
 
     Attributes:
         uncertainty: The set.
@@ -140,7 +138,7 @@ class UncertainStateSolver(StateSolver):
         checks: StateChecks,
         uncertainty: Uncertainty,
     ) -> None:
-        """Take what `StateSolver` does, and the set.
+        """Set the arguments of `StateSolver`, and the set.
 
         Raises:
             ArgumentError: If the set is none, or none of the scene's in all of its states; if
@@ -166,11 +164,11 @@ class UncertainStateSolver(StateSolver):
         self._earlier: dict[tuple[Any, ...], EarlierForces] = Bounded(_MOST_KEPT)
 
     def _arguments(self, objective: Objective) -> tuple[Any, ...]:
-        """Return what one for an objective is made of."""
+        """Return the arguments of a solver like this one for an objective."""
         return *super()._arguments(objective), self._set
 
     def solve(self, q: Any, T_world_object: Any, twist: Any, *, clear: bool = False) -> Evaluation:  # noqa: ARG002
-        """Solve for one state: there are no records to do without."""
+        """Solve for one state: the same as `evaluate`."""
         return self.evaluate(q, T_world_object, twist)
 
     def evaluate(self, q: Any, T_world_object: Any, twist: Any) -> Evaluation:
@@ -201,7 +199,7 @@ class UncertainStateSolver(StateSolver):
         *,
         clear: bool | None = None,  # noqa: ARG002 - loops tell the nominal problem alone
     ) -> bool:
-        """Tell whether a state is proven to reach a margin for all members."""
+        """Decide whether a state is proven to reach a margin for all members."""
         known = None
         if margin >= 0.0 and self._is_coulomb:
             known = self._posed_by_loops(q, T_world_object, twist, Margin())
@@ -210,7 +208,7 @@ class UncertainStateSolver(StateSolver):
         return self.holds(self.posed(q, T_world_object, twist, solve=margin >= 0.0), margin)
 
     def holds(self, state: PosedScene, margin: float) -> bool:
-        """Tell whether nothing is wrong with a state, and all members reach a margin together."""
+        """Decide whether a state has no faults, and one torque vector reaches a margin for all."""
         scene, problem, faults = state
         if faults or problem is None:
             return not faults
@@ -220,7 +218,7 @@ class UncertainStateSolver(StateSolver):
             if earlier_forces_serve(members, earlier, margin, self.options, directions=directions):
                 return True
         if self._is_coulomb:
-            # Of convex loads the nominal one is among the means of the corners: it is no worse.
+            # The nominal load is a mean of the corners' loads: its margin is at least as large.
             if not super().holds(state, margin):
                 return False
         elif not self.options.rules.by_direction:
@@ -252,13 +250,13 @@ class UncertainStateSolver(StateSolver):
         mode: SlidingMode | None = None,
         options: SolveOptions | None = None,
     ) -> RobustSolution:
-        """Solve the scene of a state, and keep the forces of all members.
+        """Solve the scene of a state for all members, and keep their mean forces.
 
         Args:
             scene: The scene in the state.
-            objective: What is optimised.
+            objective: The objective.
             mode: The one mode for all members; None: any.
-            options: How; None: as is asked for.
+            options: Options of the solution; None: those of this solver.
         """
         how = options or self.options
         robust = solve_uncertain(scene, objective, how, self._set, mode=mode)
@@ -272,19 +270,19 @@ class UncertainStateSolver(StateSolver):
 
 
 def _margin_and_status(robust: RobustSolution, required: float) -> tuple[float, StateStatus]:
-    # The load of one member: that of the joined problem is all of theirs.
+    # The load of one member: that of the joined problem is the sum over all members.
     force = robust.members[0].problem.scales.force
     return status_of_margin(robust, force, robust.bound, required)
 
 
 def _contact_key(scene: Scene) -> tuple[Any, ...]:
-    """Return what is alike where the same modes are at hand."""
+    """Return the key of states with the same contacts, by which forces and modes are kept."""
     contacts = scene.contacts
     return contacts.bodies, contacts.sliding.any(axis=1).tobytes()
 
 
 def _check_figures(scene: Scene, uncertainty: Uncertainty) -> None:
-    """Refuse figures that a scene has no use for in all of its states.
+    """Refuse figures of an uncertainty that do not fit all states of a scene.
 
     Raises:
         ArgumentError: Naming them.
