@@ -6,7 +6,7 @@ v = p - lambda + sum_l (nu_l a_n,l + A_t,l^T kappa_l),
     p.y + q.f <= lambda.h + sum_l c_l.f_l + max_y [v.y + beta (h.y - |y|^2)]
                  - sum_l (kappa_l.u_t,l + beta mu_l f_n,l |u_t,l|),
 
-(plus terms of what joints do by themselves, `dynamics.without_free_joints`),
+(plus terms of the motion of joints by themselves, `dynamics.without_free_joints`),
 because y = A^T f + h, |y|^2 + sum mu f_n |u_t| <= h.y, and nu_l u_n,l >= 0 where nu_l >= 0 or
 u_n,l = 0. The terms of one contact are bounded over what its state admits: forces in its cone or in
 the arc opposite to its slip, f_n >= its smallest normal force, u_t in the arc of its slip.

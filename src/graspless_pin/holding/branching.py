@@ -111,7 +111,7 @@ def _row_bound(dynamics: Dynamics, states: States, dual: DualBound, row: FloatAr
 
 _SPLIT_SLACK = 0.01
 """Share of the closing tolerance by which closed and sticking contacts part or slip after a split:
-so much their open and slipping siblings leave to them."""
+their open and slipping siblings leave this much to them."""
 _LOOSEST = 1e-9
 """Scaled accelerations: a larger bound does not force a state."""
 _QUADRANT = 0.25 * np.pi
@@ -121,10 +121,10 @@ NEAR_OUTCOME = 0.3
 _FINGERS_FIRST = 3.0
 """Weight of contacts that joints drive: their states decide what supports have to bear."""
 _LOADS_ANEW = 3
-"""One in so many sets of outcomes is searched for larger smallest normal forces."""
+"""One in this number of sets is searched for proofs that raise the smallest normal forces."""
 _SWEPT = 50
-"""The forces of one in so many sets start a search for a moving outcome, however far they are from
-one: points of split patches do not come near."""
+"""The forces of one in this number of sets start a search for a moving outcome, however far they
+are from one: points of split patches do not come near."""
 _LEAST_GAP = 1e-15
 """Least violation of Coulomb's law of any contact, as power: at rest the widest arc is split."""
 _NARROW = 0.2
@@ -182,8 +182,8 @@ class UnprovenSet:
             relaxation: With which it began.
             enough: Tolerance that it gets when it is searched again: no third time is needed.
         """
-        known = self.states.slips if self.state is ContactState.STICKING else self.states.parts
-        if most <= known[self.contact]:
+        tolerances = self.states.slips if self.state is ContactState.STICKING else self.states.parts
+        if most <= tolerances[self.contact]:
             return False
         again = self.relaxation is None
         self.states = self.states.changed(self.contact, self.state, most=enough if again else most)
@@ -295,14 +295,14 @@ def _add_forced_states(
     """
     while (forced := forced_state(dynamics, node.states)) is not None:
         contact, state = forced.contact, forced.state
-        known = node.states.state[contact]
+        before = node.states.state[contact]
         states = node.states.changed(contact, state, depends=forced.depends, most=forced.most)
         child = UnprovenSet(
             contact, states, node.pop_relaxation(), forced.duals, siblings=node.siblings
         )
         node.children = [child]
         node = child
-        if known in (ContactState.OPEN, ContactState.SLIPPING):
+        if before in (ContactState.OPEN, ContactState.SLIPPING):
             sibling, relaxation = node.siblings[contact, state]
             again = sibling.take_over_slack(forced.most, relaxation, closing_tolerance(dynamics))
             return node, True, [sibling] * again
@@ -404,8 +404,8 @@ def split_contact(
 
 def _is_lone(states: States, patch: Patch) -> NDArray[np.bool_]:
     """Return the (M,) contacts that are split by themselves: the patch may turn about them."""
-    known = states.patch_slip(patch)
-    if known is None or known.cone is None or known.width > _NARROW:
+    slip = states.patch_slip(patch)
+    if slip is None or slip.cone is None or slip.width > _NARROW:
         return np.zeros(len(states.state), dtype=bool)
     return (states.half_width >= np.pi) | states.are(ContactState.STICKING, ContactState.SLIPPING)
 
@@ -431,8 +431,8 @@ def _widest_patch(
     gaps = coulomb_gaps(dynamics, forces, u) + 1e-9 * np.hypot(u[:, 1], u[:, 2])
     gaps += _LEAST_GAP
     for patch in patches:
-        known = states.patch_slip(patch)
-        width = np.pi if known is None else known.width
+        slip = states.patch_slip(patch)
+        width = np.pi if slip is None else slip.width
         if width > _NARROWEST:
             members = [*patch.contacts]
             score = float((gaps * ~_is_lone(states, patch))[members].sum()) * min(width, _QUADRANT)

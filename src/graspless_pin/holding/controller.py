@@ -55,8 +55,8 @@ class Controller:
     """Feed-forward torques with position feedback: tau = tau* + K (q_0 - q) - D q'.
 
     Gains are given for all joints alike, or by the names of joints and fingers, with those of all
-    others under ``default``. Those of fingers and of all joints are per radian, and over the square
-    of `LEVER` at joints that slide; those of a joint are in its own unit.
+    others under ``default``. Gains of fingers and of all joints are per radian, and divided by the
+    square of `LEVER` for joints that slide; those of a joint are in its own unit.
 
     Attributes:
         stiffness: K, N m/rad (N/m for a joint that slides), or a `Feedback`; kept as a number where
@@ -144,7 +144,7 @@ class Controller:
     def gains(
         self, joints: Sequence[str], shares: FloatArray, fingers: Mapping[str, str]
     ) -> tuple[FloatArray, FloatArray]:
-        """Return K and D of some joints, each (c,), in their units; without told gains K is zero.
+        """Return K and D of some joints, each (c,), in their units; K is zero if it has no gains.
 
         Args:
             joints: Their names.

@@ -183,8 +183,8 @@ def point_goals(dynamics: Dynamics) -> FloatArray:
 
     The first one is zero: a negative bound on it proves that there is no outcome.
     The others are both signs of the accelerations of the reference point and of the angular ones
-    times the longest lever, each in units of limit / (2 sqrt(3)), or of other passive coordinates
-    as `Dynamics.shares` tells.
+    times the longest lever, each in units of limit / (2 sqrt(3)); with other passive coordinates
+    the units are limit / `Dynamics.shares`.
     """
     positive = dynamics.levers[:, None] * dynamics.acceleration[: len(dynamics.levers)]
     positive *= dynamics.shares / dynamics.limit
@@ -218,8 +218,8 @@ def completed_multipliers(
 ) -> DualBound:
     """Return multipliers restricted to valid values, with the lambda that follows from them."""
     normal = allowed_normals(dynamics, states, dual.normal)
-    known = states.are(ContactState.STICKING, ContactState.SLIPPING)
-    tangential = np.where(known[:, None], dual.tangential, 0.0)
+    is_split = states.are(ContactState.STICKING, ContactState.SLIPPING)
+    tangential = np.where(is_split[:, None], dual.tangential, 0.0)
     rows = dynamics.rows
     motion = goal + normal @ rows[:, 0] + np.einsum("li,lin->n", tangential, rows[:, 1:])
     return DualBound(motion, normal, tangential)

@@ -382,7 +382,7 @@ def with_joints_held(
 def small_motions_without_scene(
     problem: QuasistaticProblem, bearing: Callable[[], FloatArray]
 ) -> SmallMotions:
-    """Return what the contacts alone, without surfaces, tell of small motions about a rest.
+    """Return a record of small motions about a rest, decided by contacts without their surfaces.
 
     If every motion of object and joints makes loaded contacts slip or open, there is none.
     Otherwise stability depends on how the surfaces roll, which a problem does not know.

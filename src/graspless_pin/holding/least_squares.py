@@ -20,10 +20,10 @@ def nonnegative_squares(matrix: FloatArray, target: FloatArray) -> FloatArray | 
     from scipy.optimize import nnls
 
     try:
-        found = nnls(matrix, target)[0]
+        x = nnls(matrix, target)[0]
     except (RuntimeError, ValueError):
         return None
-    return np.maximum(found, 0.0) if _is_answer(found, matrix) else None
+    return np.maximum(x, 0.0) if _is_answer(x, matrix) else None
 
 
 def least_squares(matrix: FloatArray, target: FloatArray, rank: float) -> FloatArray | None:
@@ -35,11 +35,11 @@ def least_squares(matrix: FloatArray, target: FloatArray, rank: float) -> FloatA
         rank: Singular values below this share of the largest count as zero.
     """
     try:
-        found = np.asarray(np.linalg.lstsq(matrix, target, rcond=rank)[0], dtype=np.float64)
+        x = np.asarray(np.linalg.lstsq(matrix, target, rcond=rank)[0], dtype=np.float64)
     except np.linalg.LinAlgError:
         return None
-    return found if _is_answer(found, matrix) else None
+    return x if _is_answer(x, matrix) else None
 
 
-def _is_answer(found: FloatArray, matrix: FloatArray) -> bool:
-    return found.shape == matrix.shape[1:] and bool(np.isfinite(found).all())
+def _is_answer(x: FloatArray, matrix: FloatArray) -> bool:
+    return x.shape == matrix.shape[1:] and bool(np.isfinite(x).all())

@@ -24,7 +24,7 @@ _FEWEST_OF_SEVERAL = 5
 _DEPENDENT = 1e-12
 """Relative to the largest singular value: a smaller fourth one is rounding."""
 _THIN = 1e-6
-"""Relative to the largest singular value: least third one, which contacts in one place lack."""
+"""Relative to the largest singular value: least third one, to exclude contacts in one place."""
 _UNTOLD = 1e-3
 """Smallest singular value with which the first contacts' rows T determine a planar motion."""
 _ROUNDING = 2e-15

@@ -314,10 +314,10 @@ class Relaxation:
 
     def without_free_joints(self, opened: NDArray[np.bool_]) -> Relaxation:
         """Return the relaxation of `dynamics.without_free_joints` for a mask of open contacts."""
-        key, known = opened.tobytes(), self._shared_records.dynamics
-        if key not in known:
-            known[key] = without_free_joints(self.dynamics, opened, self.force_limit)
-        dynamics = known[key]
+        key, cache = opened.tobytes(), self._shared_records.dynamics
+        if key not in cache:
+            cache[key] = without_free_joints(self.dynamics, opened, self.force_limit)
+        dynamics = cache[key]
         if np.abs(dynamics.aside - self.dynamics.aside).max() <= _SAME_MOTION:
             return self
         return self._with_dynamics(dynamics, self.loads)

@@ -313,11 +313,11 @@ def extreme_forces(
     rate, gradient = growth(forces)
     best = max(
         (
-            forces_along(-_softest_direction(motion, side * one))
-            for one in _largest_changes(influence)
+            forces_along(-_softest_direction(motion, side * change))
+            for change in _largest_changes(influence)
             for side in (1, -1)
         ),
-        key=lambda one: one[0],
+        key=lambda change: change[0],
     )
     if best[0] > rate:
         rate, forces, gradient = best
@@ -343,7 +343,7 @@ def _softest_direction(motion: LinearizedMotion, stiffness: FloatArray) -> Float
 
 @dataclass(frozen=True, eq=False)
 class RestModel:
-    """What a search for guaranteed torques needs to know of rest, beside the problem.
+    """The data on rest, beside the problem, for a search for guaranteed torques.
 
     Attributes:
         unknown: Why there is no verdict on torques; empty: there is one.

@@ -274,26 +274,26 @@ def _decided_verdict(blank: StabilityVerdict, limits: Limits) -> StabilityVerdic
         return replace(blank, message=why)
     commanded = commanded_forces(problem, torques)
     # The power of kinetic friction has no sign: then certificates are not valid.
-    known, proof = (blank, None) if slides_with_friction(problem).any() else (
+    draft, proof = (blank, None) if slides_with_friction(problem).any() else (
         _try_certificate(blank, (), commanded, dynamics)
     )  # fmt: skip
-    if known.rest_forces is not None and proof is not None:
-        return _strong_verdict(known, proof)
+    if draft.rest_forces is not None and proof is not None:
+        return _strong_verdict(draft, proof)
     rest = balance(problem, torques)
     if rest is None:
-        return replace(known, message="undecided: no solver could balance the forces")
-    known = replace(known, programs=known.programs + rest.programs)
+        return replace(draft, message="undecided: no solver could balance the forces")
+    draft = replace(draft, programs=draft.programs + rest.programs)
     if not rest.is_rest:
-        return _no_rest_verdict(known, rest.proof, dynamics, limits)
-    known = replace(known, rest_forces=world_forces(problem, rest.forces * problem.scales.force))
+        return _no_rest_verdict(draft, rest.proof, dynamics, limits)
+    draft = replace(draft, rest_forces=world_forces(problem, rest.forces * problem.scales.force))
     if nothing_moves:
-        proof = RestProof((), known.rest_forces, None, np.inf)
+        proof = RestProof((), draft.rest_forces, None, np.inf)
     if proof is not None:
-        return _strong_verdict(known, proof)
+        return _strong_verdict(draft, proof)
     if dynamics is None:
         why = f"undecided: {_rest_words(problem)}; object_inertia and joint_inertia would tell more"
-        return replace(known, message=why)
-    return _searched_verdict(known, dynamics, commanded, limits)
+        return replace(draft, message=why)
+    return _searched_verdict(draft, dynamics, commanded, limits)
 
 
 def _rest_words(problem: QuasistaticProblem) -> str:
@@ -301,8 +301,8 @@ def _rest_words(problem: QuasistaticProblem) -> str:
     return f"the object can {'keep its motion' if problem.is_sliding.any() else 'stay'}"
 
 
-def _strong_verdict(known: StabilityVerdict, proof: RestProof) -> StabilityVerdict:
-    problem, torques, forces = known.problem, known.torques, known.rest_forces
+def _strong_verdict(draft: StabilityVerdict, proof: RestProof) -> StabilityVerdict:
+    problem, torques, forces = draft.problem, draft.torques, draft.rest_forces
 
     def supporting_forces() -> FloatArray:
         if forces is None:
@@ -312,8 +312,8 @@ def _strong_verdict(known: StabilityVerdict, proof: RestProof) -> StabilityVerdi
         return world_forces(problem, bearing * problem.scales.force)
 
     small = small_motions_without_scene(problem, supporting_forces)
-    known = replace(known, status=Stability.STRONG, proof=proof, small_motions=small)
-    return replace(known, message=strong_words(known))
+    draft = replace(draft, status=Stability.STRONG, proof=proof, small_motions=small)
+    return replace(draft, message=strong_words(draft))
 
 
 def _scaled_dynamics(blank: StabilityVerdict) -> tuple[Dynamics | None, bool]:
@@ -329,7 +329,7 @@ def _scaled_dynamics(blank: StabilityVerdict) -> tuple[Dynamics | None, bool]:
 
 
 def _try_certificate(
-    known: StabilityVerdict,
+    draft: StabilityVerdict,
     loads: tuple[LoadProof, ...],
     commanded: FloatArray,
     dynamics: Dynamics | None,
@@ -341,54 +341,54 @@ def _try_certificate(
     """
     normal_forces = with_proven_loads(commanded, loads)
     rest, proof = balance_and_certificate(
-        known.problem, known.torques, normal_forces, loads, dynamics
+        draft.problem, draft.torques, normal_forces, loads, dynamics
     )
     if rest is not None:
-        known = replace(known, programs=known.programs + rest.programs)
+        draft = replace(draft, programs=draft.programs + rest.programs)
         if proof is not None and not loads and rest.is_rest:
-            known = replace(known, rest_forces=proof.forces)
-    return known, proof
+            draft = replace(draft, rest_forces=proof.forces)
+    return draft, proof
 
 
 def _searched_verdict(
-    known: StabilityVerdict, dynamics: Dynamics, commanded: FloatArray, limits: Limits
+    draft: StabilityVerdict, dynamics: Dynamics, commanded: FloatArray, limits: Limits
 ) -> StabilityVerdict:
     """Prove smallest normal forces, search for a motion, then branch over all outcomes.
 
     Under a declared motion with friction: search for another motion, then branch over the rest.
     """
-    most, unit = force_limit(known.problem, dynamics), dynamics.force_unit
-    sliding_friction, loads = bool(slides_with_friction(known.problem).any()), ()
+    most, unit = force_limit(draft.problem, dynamics), dynamics.force_unit
+    sliding_friction, loads = bool(slides_with_friction(draft.problem).any()), ()
     if not sliding_friction:
         loads, programs = proven_loads(dynamics, commanded / unit, most)
-        known = replace(known, programs=known.programs + programs)
+        draft = replace(draft, programs=draft.programs + programs)
     if loads:
-        known, proof = _try_certificate(known, loads, commanded, dynamics)
+        draft, proof = _try_certificate(draft, loads, commanded, dynamics)
         if proof is not None:
-            return _strong_verdict(known, proof)
+            return _strong_verdict(draft, proof)
     forces = find_motion(dynamics)
     if forces is None:
         begun = time.thread_time()
         if sliding_friction:
-            found = search_other_motion(dynamics, most, limits.end)
+            result = search_other_motion(dynamics, most, limits.end)
         else:
             least = with_proven_loads(commanded, loads) / unit
-            found = branch(dynamics, Relaxation(dynamics, least, most), limits.end)
-        programs, seconds = known.programs + found.programs, time.thread_time() - begun
-        known = replace(known, programs=programs, nodes=found.nodes, seconds=seconds)
-        forces = found.motion
-        if found.tree is not None:
-            leaving = () if sliding_friction else _leaving_joints(known, dynamics, most)
-            proof = RestProof(loads, None, found.tree, most * unit)
-            return _strong_verdict(replace(known, leaving=leaving), proof)
+            result = branch(dynamics, Relaxation(dynamics, least, most), limits.end)
+        programs, seconds = draft.programs + result.programs, time.thread_time() - begun
+        draft = replace(draft, programs=programs, nodes=result.nodes, seconds=seconds)
+        forces = result.motion
+        if result.tree is not None:
+            leaving = () if sliding_friction else _leaving_joints(draft, dynamics, most)
+            proof = RestProof(loads, None, result.tree, most * unit)
+            return _strong_verdict(replace(draft, leaving=leaving), proof)
         if forces is None:
-            resists = state_words(found.resisting) or "no contact's state is known"
+            resists = state_words(result.resisting) or "no contact's state is known"
             what = f"; what resists: {resists}" if sliding_friction else ""
-            return _unproven_verdict(known, limits, f"{found.remaining} left{what}")
-    return _weak_verdict(known, outcome_record(known.problem, dynamics, forces))
+            return _unproven_verdict(draft, limits, f"{result.remaining} left{what}")
+    return _weak_verdict(draft, outcome_record(draft.problem, dynamics, forces))
 
 
-def _leaving_joints(known: StabilityVerdict, dynamics: Dynamics, most: float) -> tuple[str, ...]:
+def _leaving_joints(draft: StabilityVerdict, dynamics: Dynamics, most: float) -> tuple[str, ...]:
     """Return names of joints that may leave the object by themselves while the others keep it.
 
     Proofs by branching do not bound the motion of joints by themselves. Rest is an outcome for
@@ -396,11 +396,11 @@ def _leaving_joints(known: StabilityVerdict, dynamics: Dynamics, most: float) ->
     or slides along them, and all other forces balance without them.
 
     Args:
-        known: A verdict with a proof that the object stays at rest.
+        draft: A verdict with a proof that the object stays at rest.
         dynamics: The scaled dynamics.
         most: The largest normal force, scaled.
     """
-    problem = known.problem
+    problem = draft.problem
     moved = problem.jacobian.reshape(problem.contact_count, 3, -1) != 0.0
     acts: NDArray[np.bool_] = np.any(moved, axis=1)
     leaving = np.zeros(problem.joint_count, dtype=bool)
@@ -409,26 +409,26 @@ def _leaving_joints(known: StabilityVerdict, dynamics: Dynamics, most: float) ->
         aside = without_free_joints(dynamics, opened, most).aside
         if not aside.any() or (dynamics.rows[opened, 0] @ aside < -dynamics.resolution).any():
             continue
-        if _partial_rest_forces(known, ~own, opened) is not None:
+        if _partial_rest_forces(draft, ~own, opened) is not None:
             leaving |= own
     return tuple(problem.joint_names[joint] for joint in np.flatnonzero(leaving))
 
 
 def _partial_rest_forces(
-    known: StabilityVerdict, joints: NDArray[np.bool_], opened: NDArray[np.bool_] | None = None
+    draft: StabilityVerdict, joints: NDArray[np.bool_], opened: NDArray[np.bool_] | None = None
 ) -> FloatArray | None:
     """Return forces that balance the object and some joints, whatever the other joints do.
 
     Args:
-        known: A verdict, for its problem and torques.
+        draft: A verdict, for its problem and torques.
         joints: (L,) mask of the joints that are balanced.
         opened: (M,) contacts without force; None: all may bear.
 
     Returns:
         (M, 3) in contact frames, in loads; None where there are none.
     """
-    problem = known.problem
-    jacobian, load = in_loads(problem, known.torques)
+    problem = draft.problem
+    jacobian, load = in_loads(problem, draft.torques)
     kept = np.concatenate([np.ones(problem.passive_count, dtype=bool), joints])
     if opened is not None:
         jacobian = np.where(opened[:, None, None], 0.0, jacobian)
@@ -437,59 +437,59 @@ def _partial_rest_forces(
     return None if rest is None or not rest.is_rest else rest.forces
 
 
-def _unproven_verdict(known: StabilityVerdict, limits: Limits, open_sets: str) -> StabilityVerdict:
-    motion = "other motion" if known.problem.is_sliding.any() else "motion"
-    why = f"undecided: {_rest_words(known.problem)}, but {motion} was not ruled out "
-    why += f"({known.nodes} sets of outcomes looked at, {open_sets})"
+def _unproven_verdict(draft: StabilityVerdict, limits: Limits, open_sets: str) -> StabilityVerdict:
+    motion = "other motion" if draft.problem.is_sliding.any() else "motion"
+    why = f"undecided: {_rest_words(draft.problem)}, but {motion} was not ruled out "
+    why += f"({draft.nodes} sets of outcomes looked at, {open_sets})"
     most = limits.node_limit or 0
-    more = max(_MORE * most, BRIEF_NODE_LIMIT) if known.nodes >= most else 0
-    return replace(known, next_nodes=more, message=why)
+    more = max(_MORE * most, BRIEF_NODE_LIMIT) if draft.nodes >= most else 0
+    return replace(draft, next_nodes=more, message=why)
 
 
-def _weak_verdict(known: StabilityVerdict, motion: DynamicOutcome) -> StabilityVerdict:
-    message = "may lose its motion" if known.problem.is_sliding.any() else "may fail"
-    message += f": the object can {motion_words(known.problem, motion)}"
-    return replace(known, status=Stability.WEAK, motion=motion, message=message)
+def _weak_verdict(draft: StabilityVerdict, motion: DynamicOutcome) -> StabilityVerdict:
+    message = "may lose its motion" if draft.problem.is_sliding.any() else "may fail"
+    message += f": the object can {motion_words(draft.problem, motion)}"
+    return replace(draft, status=Stability.WEAK, motion=motion, message=message)
 
 
 def _no_rest_verdict(
-    known: StabilityVerdict, proof: FloatArray, dynamics: Dynamics | None, limits: Limits
+    draft: StabilityVerdict, proof: FloatArray, dynamics: Dynamics | None, limits: Limits
 ) -> StabilityVerdict:
-    problem, torques = known.problem, known.torques
+    problem, torques = draft.problem, draft.torques
     # Written so that NaN is no proof.
     if not residual_lower_bound(problem, torques, proof) > BALANCE_TOLERANCE:
-        return replace(known, message="undecided: no forces of rest found, and no proof of it")
+        return replace(draft, message="undecided: no forces of rest found, and no proof of it")
     forces = None if dynamics is None else find_motion(dynamics)
     motion, message = None, "loses its motion" if problem.is_sliding.any() else "fails"
     message += f": {'keeping the motion' if problem.is_sliding.any() else 'rest'} is no outcome"
     if dynamics is not None and forces is None and slides_with_friction(problem).any():
-        found = search_other_motion(dynamics, force_limit(problem, dynamics), limits.end)
-        known = replace(known, programs=known.programs + found.programs, nodes=found.nodes)
-        forces = found.motion
-        if found.tree is not None and found.tree.is_empty:
+        result = search_other_motion(dynamics, force_limit(problem, dynamics), limits.end)
+        draft = replace(draft, programs=draft.programs + result.programs, nodes=result.nodes)
+        forces = result.motion
+        if result.tree is not None and result.tree.is_empty:
             message += ", and nothing else is: rubbing contacts jam"
     may_bend = problem.joint_count > 0 and not problem.is_sliding.any()
     if dynamics is not None and forces is None and may_bend:
-        forces = _joint_motion_forces(known, dynamics)
+        forces = _joint_motion_forces(draft, dynamics)
     if dynamics is not None and forces is not None:
         motion = outcome_record(problem, dynamics, forces)
         message += f"; the object can {motion_words(problem, motion)}"
-    known = replace(
-        known, status=Stability.NONE, motion=motion, no_rest=read_only(proof), message=message
+    draft = replace(
+        draft, status=Stability.NONE, motion=motion, no_rest=read_only(proof), message=message
     )
-    if known.moves is MovingPart.FINGER:
-        return replace(known, message=finger_words(known, NO_FINGERS))
-    return known
+    if draft.moves is MovingPart.FINGER:
+        return replace(draft, message=finger_words(draft, NO_FINGERS))
+    return draft
 
 
-def _joint_motion_forces(known: StabilityVerdict, dynamics: Dynamics) -> FloatArray | None:
+def _joint_motion_forces(draft: StabilityVerdict, dynamics: Dynamics) -> FloatArray | None:
     """Return scaled forces of an outcome in which only joints move; None: none was found."""
-    problem = known.problem
+    problem = draft.problem
     anything = replace(dynamics, limit=-inf)
     acting: NDArray[np.bool_] = np.any(problem.jacobian, axis=0)
     if not acting.all():
         # Without joints that act on no contact, object and other joints may balance.
-        partial = _partial_rest_forces(known, acting)
+        partial = _partial_rest_forces(draft, acting)
         if partial is not None:
             forces = partial * problem.scales.force / dynamics.force_unit
             start = forces if is_outcome(anything, forces) else polish(anything, forces)

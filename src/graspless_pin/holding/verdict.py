@@ -47,12 +47,12 @@ class ContactState(StrEnum):
 
 
 class MovingPart(StrEnum):
-    """What an outcome moves. See the example of `stability`."""
+    """The part that an outcome moves. See the example of `stability`."""
 
     OBJECT = "object"
     """The object, faster than counts as rest."""
     FINGER = "finger"
-    """Joints alone: the object stays in this outcome, which tells nothing of others."""
+    """Joints alone: the object stays in this outcome; others may differ."""
 
 
 class Holding(StrEnum):
@@ -73,7 +73,7 @@ class Holding(StrEnum):
     FINGER_MOVES = "finger_moves"
     """The object stays, and there is an outcome in which joints move by themselves."""
     UNDECIDED = "undecided"
-    """The first instant is not decided, or what small motions do is not known."""
+    """The first instant is not decided, or the growth of small motions is not known."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -245,8 +245,8 @@ class StabilityVerdict:
         acceleration_limit: That share, m/s^2: points of the object that accelerate less count as
             at rest; NaN where the problem has no inertia.
         rest_forces: (M, 3) contact forces of an outcome of rest, N; None where there is none.
-        motion: The moving outcome of a weak verdict, or what happens where rest is no outcome, if
-            one was found.
+        motion: A moving outcome of a weak verdict, or one that was found where rest is no outcome;
+            None: there is none.
         proof: The proof of a strong verdict.
         no_rest: (P + L,) proof that rest is no outcome: a motion of object and joints along which
             all contact forces do work of one sign and the load of the other; scaled.
@@ -344,7 +344,7 @@ class StabilityVerdict:
         return Holding.FAILS if isinf(small.stiffness) else Holding.NEEDS_FEEDBACK
 
     def keeps_rest(self, *, lasting: bool) -> bool:
-        """Return whether rest is the only outcome, and if asked for, lasts under the controller."""
+        """Return whether rest is the only outcome, and if ``lasting``, stable under the controller."""
         return self.holding is Holding.HOLDS if lasting else self.status is Stability.STRONG
 
     def full_message(self, option: str = "node_limit={}") -> str:

@@ -16,7 +16,7 @@ NO_FINGERS: Mapping[str, str] = MappingProxyType({})
 _NAMED_TORQUE = 0.2
 """Share of the largest unbalanced torque below which a joint is not named."""
 _SAME_GROWTH = 2.0
-"""Growth on both models of a mesh that differs by less than this factor is told as one."""
+"""Factor up to which growth rates on both models of a mesh count as the same."""
 
 
 def lead_and_words(message: str) -> tuple[str, str]:

@@ -177,7 +177,7 @@ class AttachedConfigurations(Configurations):
         }
         if scene.given_contacts is not None:
             fields["given_contacts"] = tuple(
-                [_moved_contact(one, move) for one in scene.given_contacts]
+                [_moved_contact(contact, move) for contact in scene.given_contacts]
             )
         return scene._changed(fields)
 

@@ -107,8 +107,8 @@ def state_validity(
 ) -> StateValidity:
     """Return the validity of a state: see `Evaluator.validity`."""
     at, asked = solver.configurations, required >= 0.0
-    scene, problem, found = solver.posed(q, T_world_object, twist, solve=asked, whole=True)
-    faults, margin = list(found), -np.inf if asked else np.nan
+    scene, problem, first_faults = solver.posed(q, T_world_object, twist, solve=asked, whole=True)
+    faults, margin = list(first_faults), -np.inf if asked else np.nan
     if problem is not None:
         margin, status = solver.margin_of(scene, problem, required)
         if status is StateStatus.BELOW_MARGIN:
@@ -318,7 +318,7 @@ class Edge:
         self._carried = isinstance(at, AttachedConfigurations)
         for given in poses:
             if self._carried and given is not None:
-                at.scene_at(None, given, None)  # says that q alone tells where the object is
+                at.scene_at(None, given, None)  # raises an error: q alone determines the pose
         T0 = moved.T_world_object if first is None else as_pose("T0_world_object", first)
         T1 = T0 if last is None else as_pose("T1_world_object", last)
         self._screw = ScrewMotion.between(T0, T1, moved.center_of_mass)

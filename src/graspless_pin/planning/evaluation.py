@@ -65,7 +65,7 @@ class WarmAnswer(NamedTuple):
     """The optimum of a state from a warm start: the solution is made when it is first read.
 
     Attributes:
-        objective: What was optimised.
+        objective: The objective.
         rules: The reading of the virtual-sliding constraint.
         optimum: The optimum.
         margin: N.
@@ -204,7 +204,7 @@ class Evaluation(Brief):
         return MappingProxyType(dict(zip(self.joint_names, torques, strict=True)))
 
     def stability(self, **options: Unpack[StabilityKeywords]) -> StabilityVerdict:
-        """Tell whether the object stays with the torques: see `Scene.stability`.
+        """Decide whether the object stays with the torques: see `Scene.stability`.
 
         Args:
             options: Of `graspless_pin.stability`.

@@ -353,13 +353,13 @@ class Evaluator:
         *,
         margin: float | None = None,
     ) -> StateValidity:
-        """Tell whether a state is valid, what speaks against it, and how far it is from that.
+        """Return whether a state is valid, all reasons against it, and its distances from them.
 
-        What speaks against it are a joint outside its limits, collisions, a hand that touches
-        nothing, and a margin that is too small. A collision is an overlap deeper than the scene's
+        Reasons against it are a joint outside its limits, collisions, a hand that touches nothing,
+        and a margin that is too small. A collision is an overlap deeper than the scene's
         ``max_penetration``: of a link and a support, of two links that `unwanted_overlaps`
-        compares, or of the object and anything. What is less deep passes for touching, as it does
-        for contacts. The clearance counts from the bodies' surfaces all the same.
+        compares, or of the object and anything. Smaller overlaps count as touching, as they do for
+        contacts. The clearance is measured from the bodies' surfaces, whatever that depth is.
 
         Args:
             q: See `evaluate`.
@@ -368,8 +368,8 @@ class Evaluator:
             margin: See `is_feasible`, which says yes where this says that the state is valid.
 
         Returns:
-            All reasons, the margin, the clearance and the distances to the joints' limits. A state
-            outside its joints' limits is looked at like any other.
+            All reasons, the margin, the clearance and the distances to the joints' limits. These
+            are computed for a state outside its joints' limits, too.
 
         Raises:
             ArgumentError: As for `is_feasible`.
@@ -411,10 +411,10 @@ class Evaluator:
         The object goes along the screw motion between its poses, and has that motion's twist in
         every state, so that contacts slide, roll and part as it says: the way back may be valid
         where the way there is not. Fingers move along with the object. The joints' positions are
-        interpolated linearly. Contacts are found along the way: states are looked at eight
-        resolutions apart, and where the contacts or the validity of two neighbours differ, those
-        between them until they are within the resolution. What comes and goes in between is not
-        seen. A motion that ends by touching a body is not driven into it: within
+        interpolated linearly. Contacts are found along the way: states are evaluated eight
+        resolutions apart, and where the contacts or the validity of two neighbours differ, states
+        between them until they are within the resolution. Contacts that come and go in between are
+        missed. A motion that ends by touching a body is not driven into it: within
         ``contact_tolerance`` of its end the object is at rest.
 
         Args:

@@ -131,7 +131,7 @@ def _axis_count(value: Any) -> float:
     """Return the number of dimensions of a value as an array; infinity if it is none."""
     try:
         return np.ndim(value)
-    except ValueError:  # rows of several lengths: what is wrong is said where numbers are read
+    except ValueError:  # rows of several lengths: `_state_array` raises the error
         return np.inf
 
 
@@ -221,9 +221,9 @@ def _computed_chunks(
     if workers is None or workers == 1:
         for size in chain(_FIRST_STATES if workers is None else (), repeat(_STATES_AT_ONCE)):
             chunk, begin = slice(done, min(done + size, states.total)), thread_time()
-            found = compute(solver, states.part(chunk))
+            arrays = compute(solver, states.part(chunk))
             pace = (thread_time() - begin) / size
-            yield chunk, found
+            yield chunk, arrays
             learned, done = done > 0, chunk.stop
             remaining = states.total - done
             if not remaining:
@@ -247,8 +247,8 @@ def _found_by_processes(
     ends = [*range(begin, states.total, size), states.total]
     chunks = [slice(*ends[k : k + 2]) for k in range(len(ends) - 1)] or [slice(0, 0)]
     parts = [states.part(chunk) for chunk in chunks]
-    found = shared_work(compute, solver, parts, workers, kept_processes())
-    yield from zip(chunks, found, strict=True)
+    arrays = shared_work(compute, solver, parts, workers, kept_processes())
+    yield from zip(chunks, arrays, strict=True)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -333,14 +333,14 @@ def evaluated_states(
     whole = [whole_number("evaluations", number, 0, states.total - 1) for number in kept]
     columns = possible_columns(solver.configurations.scene.hand)
     names = tuple(columns)
-    found = StateFigures(*computed_arrays(solved_figures, solver, states, workers, progress))
+    results = StateFigures(*computed_arrays(solved_figures, solver, states, workers, progress))
     evaluations = {number: solver.evaluate(*states.arguments_of(number)) for number in whole}
     for number, evaluation in evaluations.items():
-        found.enter(number, evaluation, names)
-    margins, _, bounds, gaps, residuals, _ = found.figures.T.copy()
-    statuses = np.array(STATUSES, dtype=object)[found.codes]
-    coverages = np.array(COVERAGES, dtype=object)[found.coverages]
-    torques, counts = found.torques, found.contact_counts
+        results.enter(number, evaluation, names)
+    margins, _, bounds, gaps, residuals, _ = results.figures.T.copy()
+    statuses = np.array(STATUSES, dtype=object)[results.codes]
+    coverages = np.array(COVERAGES, dtype=object)[results.coverages]
+    torques, counts = results.torques, results.contact_counts
     arrays = statuses, margins, torques, counts, bounds, gaps, residuals, coverages
     for array in arrays:
         array.setflags(write=False)
@@ -350,13 +350,13 @@ def evaluated_states(
 def solved_figures(solver: StateSolver, states: StateArrays) -> StateFigures:
     """Solve states, in compiled loops where possible, else one after the other."""
     names = tuple(possible_columns(solver.configurations.scene.hand))
-    found = StateFigures.empty(states.total, len(names))
+    results = StateFigures.empty(states.total, len(names))
 
     def alone(number: int, clear: bool) -> None:
-        found.enter(number, solver.solve(*states.arguments_of(number), clear=clear), names)
+        results.enter(number, solver.solve(*states.arguments_of(number), clear=clear), names)
 
-    solver.loops.optima_of_states(_loop_states(solver, states), solver.objective, found, alone)
-    return found
+    solver.loops.optima_of_states(_loop_states(solver, states), solver.objective, results, alone)
+    return results
 
 
 def _loop_states(solver: StateSolver, states: StateArrays) -> FloatArray | None:
@@ -384,13 +384,13 @@ def decided_states(solver: StateSolver, states: StateArrays, margin: float) -> A
     def alone(number: int, clear: bool) -> None:
         feasible[number] = solver.reaches(*states.arguments_of(number), margin, clear=clear)
 
-    found = StateFigures.empty(
+    results = StateFigures.empty(
         states.total, len(possible_columns(solver.configurations.scene.hand))
     )
     q = _loop_states(solver, states) if margin >= 0.0 else None  # below zero: none is required
-    solver.loops.optima_of_states(q, Margin(), found, alone, margin)
-    looped = found.contact_counts > 0
-    _, value, _, _, _, unit = found.figures[looped].T
+    solver.loops.optima_of_states(q, Margin(), results, alone, margin)
+    looped = results.contact_counts > 0
+    _, value, _, _, _, unit = results.figures[looped].T
     reached = [is_reached(*row, margin) for row in zip(value.tolist(), unit.tolist(), strict=True)]
     feasible[looped] = reached
     return (feasible,)

@@ -115,7 +115,7 @@ class PathProfile(Brief):
         return self.arrivals[waypoint].reason or self.evaluations[waypoint].reason
 
     def verdicts(self, **options: Unpack[StabilityKeywords]) -> tuple[StabilityVerdict | None, ...]:
-        """Tell of each waypoint whether the object stays; None where there are no torques.
+        """Return a verdict for each waypoint; None where there are no torques.
 
         Args:
             options: Of `graspless_pin.stability`.

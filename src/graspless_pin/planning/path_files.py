@@ -226,8 +226,8 @@ def write_path_csv(profile: PathProfile, path: str | Path) -> None:
         f"torque_{name}_{unit.replace(' ', '_')}"
         for name, unit in zip(profile.torque_names, profile.torque_units, strict=True)
     ]
-    found = ("status", "margin_N", "arrival_margin_N", "contacts_change", "contacts")
-    header = [_TIME, *found, *_POSE, *positions, *torques]
+    summaries = ("status", "margin_N", "arrival_margin_N", "contacts_change", "contacts")
+    header = [_TIME, *summaries, *_POSE, *positions, *torques]
     changing = {change.waypoint for change in profile.contact_changes}
     quaternions = Rotation.from_matrix(profile.object_poses[:, :3, :3]).as_quat(canonical=True)
     try:

@@ -223,14 +223,14 @@ def pinned_state(
     kept = _pins_of_contacts(evaluation, points)
     moving = [rates[k] for k in kept]
     center = np.hstack([np.zeros((3, n)), np.eye(3), np.zeros((3, 3))])
-    middles, turns = np.array([one.middle for one in moving]), _contact_turns(evaluation, moving)
+    middles, turns = np.array([rate.middle for rate in moving]), _contact_turns(evaluation, moving)
     contacts = ContactRates(middles, turns, center, np.roll(center, 3, axis=1))
     count = len(evaluation.joint_names)
-    made = problem_rates(scene, columns, count, contacts).by_independent_joints(coupling)
+    moving_rates = problem_rates(scene, columns, count, contacts).by_independent_joints(coupling)
     # The wrench is linear in the mass.
     heavier = scene.with_changes(object=scene.object.with_mass(scene.object.mass + 1.0))
     weight = object_wrench(heavier) - object_wrench(scene)
-    rates = _Rates(made, surfaces[kept], weight, all(one.smooth for one in moving))
+    rates = _Rates(moving_rates, surfaces[kept], weight, all(rate.smooth for rate in moving))
     return PinnedState(evaluation, bodies, values, by_gaps, rates)
 
 
@@ -265,7 +265,7 @@ def _with_surfaces(scene: Scene, friction: Any, mass: Any) -> Scene:
         hand_material=None,
         friction={**table, **each},
         supports=tuple(
-            [changed(one, friction=each.get(one.name, one.friction)) for one in supports]
+            [changed(body, friction=each.get(body.name, body.friction)) for body in supports]
         ),
     )
 
@@ -287,7 +287,7 @@ def _slide_turn(scene: Scene, problem: QuasistaticProblem, contact: int, rate: R
     """Return (n + 6,) rotation of the sliding direction about the normal as the contact moves."""
     body = scene.contacts.bodies[contact]
     motion = scene.motion
-    support = next((one for one in scene.supports if one.name == body), None)
+    support = next((own for own in scene.supports if own.name == body), None)
     if support is None:
         raise ArgumentError(
             "twist",

@@ -323,9 +323,9 @@ def place_hand(
                     progress(len(tried), count, sum(own.fault is None for own in tried))
     finally:
         children.stop()
-    good = _closed_by_rank(plan, [one for one in tried if one.fault is None])
-    errors = Counter(one.error for one in tried if one.error)
-    counts = Counter(one.fault for one in tried if one.fault is not None)
+    good = _closed_by_rank(plan, [candidate for candidate in tried if candidate.fault is None])
+    errors = Counter(candidate.error for candidate in tried if candidate.error)
+    counts = Counter(candidate.fault for candidate in tried if candidate.fault is not None)
     return HandPlacement(
         places=_ranked_places(plan, good, nodes, most if nodes else 0, begin + limit, errors),
         tried=len(tried),

@@ -115,7 +115,7 @@ def try_candidate(plan: PlacingPlan, number: int) -> TriedCandidate:
             return _close_and_judge(plan, number)
     except GrasplessPinError:
         raise
-    except Exception as error:  # costs this candidate, not the search, and is told
+    except Exception as error:  # costs this candidate, not the search, and is reported
         return TriedCandidate(number, PlacingFault.INTERNAL_ERROR, error=internal_error(error))
 
 
@@ -171,7 +171,9 @@ def _judge_grip(
     Raises:
         StateError: If the contacts cannot be used.
     """
-    touching = tuple(dict.fromkeys(one for one in scene.contacts.bodies if one in hand.link_names))
+    touching = tuple(
+        dict.fromkeys(body for body in scene.contacts.bodies if body in hand.link_names)
+    )
     grips = plan.aim is not PlacingAim.PRESS
     fingers = {hand.finger_of(link) or link for link in touching}
     if len(fingers) < min(2, len(hand.fingers)) or (grips and len(touching) < 2):
@@ -324,7 +326,7 @@ def _idle_fingers_opened(part: HandPart, draw: Draw, closing: ClosingResult) -> 
     """Return (a,) positions in which the fingers that touch nothing are open again."""
     hand = closing.hand
     positions = hand.tree.coupling.independent(hand.positions)
-    idle = {one.finger for one in closing.fingers if not one.touching}
+    idle = {closed.finger for closed in closing.fingers if not closed.touching}
     for group in groups_of_fingers(hand, part.fingers):
         if idle.issuperset(group):
             for finger in group:

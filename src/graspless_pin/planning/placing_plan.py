@@ -38,7 +38,7 @@ _VARIED_TURN, _VARIED_SHIFT, _VARIED_BEND = (
     0.007,
     0.1,
 )  # rad, m, share of the way to open: of a variation
-_TURNED_SHARE = 0.5  # share of variations that turn: flat fingers that lie on a face may stay there
+_TURNED_SHARE = 0.5  # share of variations that turn: without turns flat fingers stay on a face
 
 
 class PlacingAim(StrEnum):

@@ -160,7 +160,7 @@ class SqueezeWindow(Brief):
 
     @property
     def ends_words(self) -> str:
-        """Normal forces and the squeezed joints' torques at both ends in words, if there are ends."""
+        """Normal forces and the squeezed joints' torques at both ends in words; empty: none."""
         if self.lower is None or self.upper is None:
             return ""
         pressed = f"{from_to(self.lower.normal_force, self.upper.normal_force, _ROUNDING)} N"
@@ -261,25 +261,25 @@ def squeeze_window(
     line = _TorqueLine(problem, given, change, kept, verdict_on)
     low, high = line.amount_range(lowest=-1.0 if direction is None else -np.inf)
     amounts = _sampled_amounts(samples, low, high)
-    found = [line.sample_at(amount) for amount in amounts.tolist()]
+    points = [line.sample_at(amount) for amount in amounts.tolist()]
     middle = int(np.searchsorted(amounts, 0.0))
     lower = upper = None
-    if found[middle].holds:
-        brackets = [_first_bracket(found[middle::-1]), _first_bracket(found[middle:])]
+    if points[middle].holds:
+        brackets = [_first_bracket(points[middle::-1]), _first_bracket(points[middle:])]
         lower, upper = _bisected_ends(line, brackets, share, _FINEST_END * (high - low))
     return SqueezeWindow(
         read_only(change),
         lower,
         upper,
-        tuple(_other_stretches(found, middle)),
+        tuple(_other_stretches(points, middle)),
         read_only(amounts),
-        read_only(np.array([point.torques for point in found])),
-        read_only(np.array([point.normal_force for point in found])),
-        tuple(point.verdict.holding for point in found),
-        read_only(np.array([point.margin for point in found])),
-        read_only(np.array([point.verdict.growth_rate for point in found])),
+        read_only(np.array([point.torques for point in points])),
+        read_only(np.array([point.normal_force for point in points])),
+        tuple(point.verdict.holding for point in points),
+        read_only(np.array([point.margin for point in points])),
+        read_only(np.array([point.verdict.growth_rate for point in points])),
         first.controller,
-        found[middle].failure[1] if not found[middle].holds else first.message,
+        points[middle].failure[1] if not points[middle].holds else first.message,
         problem.joint_names,
         problem.joint_units,
         of_internal_forces=direction is None,

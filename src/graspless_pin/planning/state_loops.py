@@ -163,7 +163,7 @@ class StateLoops:
         self,
         q: FloatArray | None,
         objective: Objective,
-        found: StateFigures,
+        results: StateFigures,
         alone: Callable[[int, bool], object],
         enough: float | None = None,
     ) -> None:
@@ -173,7 +173,7 @@ class StateLoops:
             q: (K, a) configurations, if nothing else differs from the scene; None: each state is
                 solved by itself.
             objective: The objective.
-            found: Arrays into which loops enter results and refusals.
+            results: Arrays into which loops enter results and refusals.
             alone: Called with the number of each state that has to be solved by itself, before
                 those after it, which profit from its warm start; and with whether the hand is known
                 to be clear of overlaps there.
@@ -181,12 +181,12 @@ class StateLoops:
                 optima are searched.
         """
         states = None if q is None else self.posed(q, objective)
-        clear = [False] * len(found.codes)
+        clear = [False] * len(results.codes)
         remaining = [*range(len(clear))]
         if q is not None and states is not None:
             clear = (~states.doubtful).tolist()
             remaining = np.flatnonzero(states.counts < 0).tolist()
-            for order, advance in self._state_groups(q, states, objective, enough, found):
+            for order, advance in self._state_groups(q, states, objective, enough, results):
                 begin = 0
                 while begin < len(order):
                     begin += advance(begin)
@@ -207,7 +207,7 @@ class StateLoops:
         states: BatchContacts,
         objective: Objective,
         enough: float | None,  # noqa: ARG002 - here optima are as cheap
-        found: StateFigures,
+        results: StateFigures,
     ) -> Iterator[_StateGroup]:
         """Yield groups of states with the same contacts and without serious findings.
 
@@ -216,11 +216,11 @@ class StateLoops:
             states: Their contacts.
             objective: The objective.
             enough: See `optima_of_states`.
-            found: Arrays into which results and refusals are entered.
+            results: Arrays into which results and refusals are entered.
         """
         for shapes, touching in states.groups():
-            order = self._without_findings(shapes, touching, q, states, found)
-            yield order, partial(self._solve_group, shapes, objective, order, states, found)
+            order = self._without_findings(shapes, touching, q, states, results)
+            yield order, partial(self._solve_group, shapes, objective, order, states, results)
 
     def answer(self, states: BatchContacts, objective: Objective) -> WarmAnswer | None:
         """Solve a single state in loops; None: it has to be solved by itself.
@@ -264,7 +264,7 @@ class StateLoops:
         order: NDArray[np.intp],
         q: FloatArray,
         states: BatchContacts,
-        found: StateFigures,
+        results: StateFigures,
     ) -> NDArray[np.intp]:
         """Return the states without serious findings, and enter refusals for the others.
 
@@ -273,7 +273,7 @@ class StateLoops:
             order: Numbers of the states.
             q: (K, a) configurations.
             states: Their contacts.
-            found: Arrays into which refusals are entered.
+            results: Arrays into which refusals are entered.
         """
         at, off = self._at, self._checks.need_hand and not shapes
         of_overlaps = self._checks._replace(need_hand=False)
@@ -282,11 +282,11 @@ class StateLoops:
         if not (off or doubtful) or self._has_no_problem(at.scene_at(q[order[0]], None, None)):
             return order
         if off:
-            found.codes[order] = STATUSES.index(StateStatus.HAND_TOUCHES_NOTHING)
+            results.codes[order] = STATUSES.index(StateStatus.HAND_TOUCHES_NOTHING)
             return order[:0]
         for number in doubtful:
-            found.enter_refusal(number, at, at.scene_at(q[number], None, None), of_overlaps)
-        return order[found.codes[order] == _FOUND]
+            results.enter_refusal(number, at, at.scene_at(q[number], None, None), of_overlaps)
+        return order[results.codes[order] == _FOUND]
 
     def _solve_group(
         self,
@@ -294,7 +294,7 @@ class StateLoops:
         objective: Objective,
         order: NDArray[np.intp],
         states: BatchContacts,
-        found: StateFigures,
+        results: StateFigures,
         begin: int,
     ) -> int:
         """Solve states with the same contacts from one on; return how many loops could solve."""
@@ -308,10 +308,11 @@ class StateLoops:
         order = order[begin:]
         count = optima_of_states(
             problem, objective, self._options, starts.new_for_loops(), starts.for_loops, order,
-            states, self._finder.moves, carriers, *self._finder.frame, found.figures, found.torques,
+            states, self._finder.moves, carriers, *self._finder.frame, results.figures,
+            results.torques,
         )  # fmt: skip
         starts.count(count)
-        found.contact_counts[order[:count]] = problem.contact_count
+        results.contact_counts[order[:count]] = problem.contact_count
         return count
 
     @staticmethod
@@ -365,13 +366,13 @@ class AttachedLoops(StateLoops):
         states: BatchContacts,
         objective: Objective,
         enough: float | None,
-        found: StateFigures,
+        results: StateFigures,
     ) -> Iterator[_StateGroup]:
         within, problem = states.counts >= 0, self._problem
         for number in np.flatnonzero(within & states.doubtful).tolist():
             scene = self._at.solved_scene_at(q[number], None, None)
-            found.enter_refusal(number, self._at, scene, self._checks)
-        order = np.flatnonzero(within & (found.codes == _FOUND))
+            results.enter_refusal(number, self._at, scene, self._checks)
+        order = np.flatnonzero(within & (results.codes == _FOUND))
         loads, sweep = self._load_rows(states, order), self._load_sweep(objective)
         figures, torques = np.empty((len(order), 6)), np.empty((len(order), problem.joint_count))
         columns = columns_among((*possible_columns(self._at.hand),), problem.joint_names)
@@ -380,9 +381,9 @@ class AttachedLoops(StateLoops):
             self.learn()
             end = sweep.advance(problem, loads, begin, figures, torques, enough=enough)
             solved = order[begin:end]
-            found.figures[solved] = figures[begin:end]
-            found.torques[solved[:, None], columns] = torques[begin:end]
-            found.contact_counts[solved] = problem.contact_count
+            results.figures[solved] = figures[begin:end]
+            results.torques[solved[:, None], columns] = torques[begin:end]
+            results.contact_counts[solved] = problem.contact_count
             return end - begin
 
         yield order, advance

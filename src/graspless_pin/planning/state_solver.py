@@ -118,12 +118,12 @@ class StateSolver:
 
     def evaluate(self, q: Any, T_world_object: Any, twist: Any) -> Evaluation:
         """Return the whole answer for one state: see `Evaluator.evaluate`."""
-        known = self._posed_by_loops(q, T_world_object, twist, self.objective)
-        answer = None if known is None else self.loops.answer(known, self.objective)
+        posed = self._posed_by_loops(q, T_world_object, twist, self.objective)
+        answer = None if posed is None else self.loops.answer(posed, self.objective)
         if answer is not None:
             scene = self.configurations.scene_at(q, None, None)
             return Evaluation(StateStatus.FOUND, "", scene, answer)
-        scene, problem, faults = self.posed(q, T_world_object, twist, clear=_is_clear(known))
+        scene, problem, faults = self.posed(q, T_world_object, twist, clear=_is_clear(posed))
         if problem is None or faults:
             return Evaluation(*faults[0], scene, None)
         # Where motors carry the link, the whole problem is not the one that all states share.
@@ -140,19 +140,19 @@ class StateSolver:
         return self._evaluation(scene, problem, optimum)
 
     def _evaluation(
-        self, scene: Scene, problem: QuasistaticProblem, found: WarmOptimum | TorqueSolution
+        self, scene: Scene, problem: QuasistaticProblem, optimum: WarmOptimum | TorqueSolution
     ) -> Evaluation:
         """Return the answer for a state from the result of a warm start or a search."""
-        if not isinstance(found, TorqueSolution):
-            margin = problem.margin_of(found.forces)
-            torques = problem.jacobian.T @ found.forces.ravel() + problem.gravity_torques
+        if not isinstance(optimum, TorqueSolution):
+            margin = problem.margin_of(optimum.forces)
+            torques = problem.jacobian.T @ optimum.forces.ravel() + problem.gravity_torques
             rules, names, units = self.options.rules, problem.joint_names, problem.joint_units
-            answer = WarmAnswer(self.objective, rules, found, margin, torques, names, units)
+            answer = WarmAnswer(self.objective, rules, optimum, margin, torques, names, units)
             return Evaluation(StateStatus.FOUND, "", scene, answer)
-        if found.found:
-            return Evaluation(StateStatus.FOUND, "", scene, found)
-        status = found.status
-        return Evaluation(StateStatus.of_unsolved(status), status.message, scene, found)
+        if optimum.found:
+            return Evaluation(StateStatus.FOUND, "", scene, optimum)
+        status = optimum.status
+        return Evaluation(StateStatus.of_unsolved(status), status.message, scene, optimum)
 
     def margin_of(
         self, scene: Scene, problem: QuasistaticProblem, required: float
@@ -168,13 +168,13 @@ class StateSolver:
             The margin, -inf where there are no torques, and `StateStatus.FOUND` if it is enough.
         """
         shared = self._shared_problem(scene, problem)
-        found = self._optimum(scene, shared, Margin())
-        if isinstance(found, TorqueSolution):
-            force = found.problem.scales.force
-            return status_of_margin(found, force, found.certificate.bound, required)
-        enough = is_reached(found.value, found.signed_unit, required)
+        optimum = self._optimum(scene, shared, Margin())
+        if isinstance(optimum, TorqueSolution):
+            force = optimum.problem.scales.force
+            return status_of_margin(optimum, force, optimum.certificate.bound, required)
+        enough = is_reached(optimum.value, optimum.signed_unit, required)
         status = StateStatus.FOUND if enough else StateStatus.BELOW_MARGIN
-        return shared.margin_of(found.forces), status
+        return shared.margin_of(optimum.forces), status
 
     def reaches(
         self, q: Any, T_world_object: Any, twist: Any, margin: float, *, clear: bool | None = None
@@ -189,13 +189,13 @@ class StateSolver:
             clear: See `posed`; None: loops are tried first.
         """
         solve = margin >= 0.0
-        known = None
+        posed = None
         if solve and clear is None:
-            known = self._posed_by_loops(q, T_world_object, twist, Margin())
-        reached = None if known is None else self.loops.reaches(known, margin)
+            posed = self._posed_by_loops(q, T_world_object, twist, Margin())
+        reached = None if posed is None else self.loops.reaches(posed, margin)
         if reached is not None:
             return reached
-        clear = clear or _is_clear(known)
+        clear = clear or _is_clear(posed)
         return self.holds(self.posed(q, T_world_object, twist, solve=solve, clear=clear), margin)
 
     def holds(self, state: PosedScene, margin: float) -> bool:
@@ -210,9 +210,9 @@ class StateSolver:
             return not faults
         shared, objective, options = self._shared_problem(scene, problem), Margin(), self.options
         starts = self._starts.for_contacts(scene.contacts.bodies, shared, objective)
-        found = starts.optimum(shared, objective, options)
-        if found is not None:
-            return is_reached(found.value, found.signed_unit, margin)
+        optimum = starts.optimum(shared, objective, options)
+        if optimum is not None:
+            return is_reached(optimum.value, optimum.signed_unit, margin)
         reached, learned = reaches_margin(
             shared, margin, options, starts.best, self._rest_model(scene)
         )
@@ -302,9 +302,9 @@ class StateSolver:
             alike: Key beside the contacts by which warm starts are kept.
         """
         starts = self._starts.for_contacts((*scene.contacts.bodies, *alike), problem, objective)
-        found = starts.optimum(problem, objective, self.options)
-        if found is not None:
-            return found
+        optimum = starts.optimum(problem, objective, self.options)
+        if optimum is not None:
+            return optimum
         solution = starts.search(problem, objective, self.options, self._rest_model(scene))
         self.loops.learn(scene, problem)
         return solution
@@ -313,27 +313,27 @@ class StateSolver:
         return rest_model_of(scene) if self.options.strong else None
 
 
-def _is_clear(known: BatchContacts | None) -> bool:
+def _is_clear(posed: BatchContacts | None) -> bool:
     """Return whether loops have shown that the hand is clear of overlaps."""
-    return known is not None and not known.doubtful[0]
+    return posed is not None and not posed.doubtful[0]
 
 
 def status_of_margin(
-    found: TorqueSolution | RobustSolution, force: float, bound: float, required: float
+    solution: TorqueSolution | RobustSolution, force: float, bound: float, required: float
 ) -> tuple[float, StateStatus]:
     """Return the margin of a solution, N, and its status: see `StateSolver.margin_of`.
 
     Args:
-        found: The solution of a search.
+        solution: The solution of a search.
         force: Scale of the load, N.
         bound: Upper bound of the margin, N; NaN where there is none.
         required: The required margin, N.
     """
     slack = OPTIMALITY_TOLERANCE * max(force, required)
-    if found.found and found.margin >= required - slack:
-        return found.margin, StateStatus.FOUND
-    if found.status in UNDECIDED and not bound < required - slack:
+    if solution.found and solution.margin >= required - slack:
+        return solution.margin, StateStatus.FOUND
+    if solution.status in UNDECIDED and not bound < required - slack:
         status = StateStatus.UNDECIDED
     else:
-        status = StateStatus.BELOW_MARGIN if found.found else StateStatus.INFEASIBLE
-    return found.margin if found.found else -np.inf, status
+        status = StateStatus.BELOW_MARGIN if solution.found else StateStatus.INFEASIBLE
+    return solution.margin if solution.found else -np.inf, status

@@ -141,8 +141,8 @@ class UncertainStateSolver(StateSolver):
         """Set the arguments of `StateSolver`, and the set.
 
         Raises:
-            ArgumentError: If the set is none, or none of the scene's in all of its states; if
-                contacts are pinned; or if more than balance is asked for.
+            ArgumentError: If it is no `Uncertainty`, or does not fit all states of the scene; if
+                contacts are pinned; or if ``stability`` is ``"strong"``.
         """
         if not isinstance(uncertainty, Uncertainty):
             raise ArgumentError(
@@ -197,13 +197,13 @@ class UncertainStateSolver(StateSolver):
         twist: Any,
         margin: float,
         *,
-        clear: bool | None = None,  # noqa: ARG002 - loops tell the nominal problem alone
+        clear: bool | None = None,  # noqa: ARG002 - loops solve the nominal problem alone
     ) -> bool:
         """Decide whether a state is proven to reach a margin for all members."""
-        known = None
+        posed = None
         if margin >= 0.0 and self._is_coulomb:
-            known = self._posed_by_loops(q, T_world_object, twist, Margin())
-        if known is not None and self.loops.reaches(known, margin) is False:
+            posed = self._posed_by_loops(q, T_world_object, twist, Margin())
+        if posed is not None and self.loops.reaches(posed, margin) is False:
             return False
         return self.holds(self.posed(q, T_world_object, twist, solve=margin >= 0.0), margin)
 
