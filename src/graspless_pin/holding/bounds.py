@@ -272,7 +272,7 @@ def allowed_normals(dynamics: Dynamics, states: States, normal: FloatArray) -> F
 def closing_slack(
     states: States, normal: FloatArray, tangential: FloatArray, least: float = 0.0
 ) -> float:
-    """Return how much the closing tolerance may add to a bound.
+    """Return how much the tolerances of closed and sticking contacts add to a bound.
 
     Args:
         states: Of the contacts.

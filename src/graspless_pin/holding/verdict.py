@@ -344,7 +344,7 @@ class StabilityVerdict:
         return Holding.FAILS if isinf(small.stiffness) else Holding.NEEDS_FEEDBACK
 
     def keeps_rest(self, *, lasting: bool) -> bool:
-        """Return whether rest is the only outcome, and if ``lasting``, stable under the controller."""
+        """Return whether rest is the only outcome; if ``lasting``, also under the controller."""
         return self.holding is Holding.HOLDS if lasting else self.status is Stability.STRONG
 
     def full_message(self, option: str = "node_limit={}") -> str:
