@@ -413,5 +413,5 @@ class Edge:
 
     @cached_property
     def _object_reach(self) -> float:
-        """Largest distance of the object's surface from its centre of mass, m."""
+        """Upper bound on the distance of the object's points from its centre of mass, m."""
         return reach_of(self._solver.configurations.scene.object)

@@ -289,7 +289,7 @@ def _unheld_reason(
 def _timing_fault(
     names: tuple[str, ...], torque_limits: FloatArray, along: Sequence[_PathPoint]
 ) -> str:
-    """Return in words why no timing keeps all limits, with the joint whose torque is too small."""
+    """Return in words why no timing keeps all limits, and which joint needs more torque."""
     still = np.abs([point.joints[:, 0] for point in along])
     beyond = still / torque_limits
     k, joint = np.unravel_index(np.argmax(beyond), beyond.shape)
