@@ -185,27 +185,27 @@ class Relaxation:
     def _add_shared_rows(self) -> None:
         n, count, own = self._y_count, self._contact_count, self.dynamics
         rows, h, contacts = own.rows, own.load, np.arange(self._contact_count)
-        dynamics = self._blank_rows(n, y=np.eye(n), spread=-own.spread, taken=h)
+        dynamics = self._motion_rows(n, y=np.eye(n), spread=-own.spread, taken=h)
         dynamics[:, n : self._slip] = -rows.reshape(3 * count, n).T
         self._simplex.add_rows(dynamics, h, h)
         # Where load is taken away, so is the motion of joints by themselves that parts contacts.
         moved = rows[:, 0] @ own.aside
         self._moved = np.where(np.abs(moved) > _SAME_MOTION, moved, 0.0)
-        normal = self._blank_rows(count, y=rows[:, 0], taken=-self._moved)
+        normal = self._motion_rows(count, y=rows[:, 0], taken=-self._moved)
         self._simplex.add_rows(normal, np.zeros(count), np.full(count, np.inf))
         self._add_power(h, 0.0)
         for column, contact in enumerate(self._loaded):
-            bounds = self._blank_rows(_DIRECTIONS, y=-self._directions @ rows[contact, 1:])
+            bounds = self._motion_rows(_DIRECTIONS, y=-self._directions @ rows[contact, 1:])
             bounds[:, self._slip + column] = 1.0
             self._simplex.add_rows(bounds, np.zeros(_DIRECTIONS), np.full(_DIRECTIONS, np.inf))
         # Where load is taken away, so are the smallest normal forces, and commanded ones.
-        least = self._blank_rows(count, spread=-own.commanded_spread, taken=self.loads)
+        least = self._motion_rows(count, spread=-own.commanded_spread, taken=self.loads)
         least[contacts, n + 3 * contacts] = 1.0
         self._simplex.add_rows(least, self.loads, np.where(own.is_commanded, self.loads, np.inf))
         planes = [cone_planes(friction, self._directions) for friction in own.friction]
         self._add_planes(np.repeat(contacts, _DIRECTIONS), np.vstack(planes))
 
-    def _blank_rows(
+    def _motion_rows(
         self,
         count: int,
         *,
@@ -227,7 +227,7 @@ class Relaxation:
 
     def _add_power(self, y: FloatArray, least: float) -> None:
         """Add the row y.Y - sum mu l |u_t| >= least, Y being the variable."""
-        row = self._blank_rows(1, y=y)
+        row = self._motion_rows(1, y=y)
         row[0, self._slip : self._spread] = -self._power[self._loaded]
         self._simplex.add_rows(row, np.full(1, least), np.full(1, np.inf))
 
