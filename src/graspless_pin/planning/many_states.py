@@ -175,7 +175,7 @@ def _check_rigid(poses: FloatArray) -> None:
             as_pose(f"T_world_object[{start + k}]", block[k])
 
 
-def computed_arrays(
+def gathered(
     compute: Callable[[StateSolver, StateArrays], Arrays],
     solver: StateSolver,
     states: StateArrays,
@@ -333,7 +333,7 @@ def evaluated_states(
     whole = [whole_number("evaluations", number, 0, states.total - 1) for number in kept]
     columns = possible_columns(solver.configurations.scene.hand)
     names = tuple(columns)
-    results = StateFigures(*computed_arrays(solved_figures, solver, states, workers, progress))
+    results = StateFigures(*gathered(solved_figures, solver, states, workers, progress))
     evaluations = {number: solver.evaluate(*states.arguments_of(number)) for number in whole}
     for number, evaluation in evaluations.items():
         results.enter(number, evaluation, names)
@@ -373,7 +373,7 @@ def feasible_states(
 ) -> NDArray[np.bool_]:
     """Return which states are feasible: see `Evaluator.are_feasible`."""
     decide = partial(decided_states, margin=margin)
-    (feasible,) = computed_arrays(decide, solver, states, workers, progress)
+    (feasible,) = gathered(decide, solver, states, workers, progress)
     return feasible
 
 
