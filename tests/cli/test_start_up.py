@@ -7,7 +7,7 @@ from importlib import import_module
 import pytest
 from cli_tools import PAPER, run
 
-from graspless_pin.cli.commands import _COMMANDS, _loaded
+from graspless_pin.cli.commands import _COMMANDS, _load_command
 
 SCRIPT = """
 import sys
@@ -73,7 +73,7 @@ def test_a_command_says_how_it_is_called(name):
     examples = [line.strip() for line in below.splitlines() if line.strip()]
     assert title
     assert examples
-    options = {option for one in _loaded(name).params for option in one.opts}
+    options = {option for one in _load_command(name).params for option in one.opts}
     for example in examples:
         assert example.startswith(f"graspless-pin {name}")
         used = {word for word in example.split() if word.startswith("-")}

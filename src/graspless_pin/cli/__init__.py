@@ -1,8 +1,8 @@
-"""The command line: ``graspless-pin solve SCENE`` and its sisters; the commands load all else.
+"""The command line ``graspless-pin COMMAND``; each command imports what it needs.
 
-It runs in a child process, so that a library that crashes ends in a message. This module imports
-the standard library alone and forks before anything else is loaded: that costs about a millisecond.
-Elsewhere than on Linux the work is done in one process, as it would be without.
+A command runs in a child process, so that a crash of a library is reported as a message. This
+module imports the standard library alone and forks before anything else is imported, which takes
+about a millisecond. On systems other than Linux there is no child process.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ _TRACEBACK = "GRASPLESS_PIN_TRACEBACK"
 
 
 def main(*, guarded: bool = True) -> None:
-    """Run the command line; a library that crashes ends in a message.
+    """Run the command line; a crash of a library is reported as a message.
 
-    Loading what a command needs takes most of a second, in which Ctrl-C counts, too. It makes
-    objects that stay, through which a search for garbage goes again and again: there is none.
+    Importing the libraries of a command takes most of a second, in which Ctrl-C ends the process,
+    too. The garbage collector is off meanwhile: nearly all objects that imports make are permanent.
 
     Args:
         guarded: Whether the work is done in a child process, see `guard`.
@@ -31,11 +31,11 @@ def main(*, guarded: bool = True) -> None:
     if guarded:
         guard()
     gc.disable()
-    # Matrices are small here: threads that share one only wait for each other.
+    # Matrices are small here: several threads on one of them would only wait for each other.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     # A shell may have told the process to ignore Ctrl-C.
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-        # No exception: some libraries catch what interrupts their import, and fail later.
+        # No exception: some libraries catch a KeyboardInterrupt of their import, and fail later.
         signal.signal(signal.SIGINT, quit_at_once)
     try:
         from graspless_pin.cli.commands import app
@@ -46,20 +46,20 @@ def main(*, guarded: bool = True) -> None:
             _end_without_output(error)
         if os.environ.get(_TRACEBACK):
             sys.excepthook(type(error), error, error.__traceback__)
-        sys.stderr.write(f"error: {_report_of(error)}\n")
+        sys.stderr.write(f"error: {_bug_report(error)}\n")
         sys.exit(INTERNAL_ERROR)
 
 
 def _end_without_output(error: OSError) -> NoReturn:
-    """Say that standard output takes no more, and end: Python would try again."""
+    """Report that standard output cannot be written, and exit without flushing it again."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
-    why = os.strerror(error.errno or 0)
-    sys.stderr.write(f"error: standard output cannot be written ({why}); send it elsewhere\n")
+    reason = os.strerror(error.errno or 0)
+    sys.stderr.write(f"error: standard output cannot be written ({reason}); send it elsewhere\n")
     sys.exit(CRASHED)
 
 
-def _report_of(error: Exception) -> str:
-    """Return one line: what was raised and where, and what to send."""
+def _bug_report(error: Exception) -> str:
+    """Return one line for an internal error: its type and place, and what to report."""
     from graspless_pin.errors import internal_error
     from graspless_pin.intake.text import printable
 
@@ -71,69 +71,69 @@ def _report_of(error: Exception) -> str:
 
 
 CRASHED = 2
-"""Exit code after a library has crashed, or for want of room: that of what cannot be used."""
+"""Exit code after a crash of a library or on a full disk: the same as for bad input."""
 INTERNAL_ERROR = 70
-"""Exit code after an exception that nobody foresaw, as ``sysexits.h`` has it."""
+"""Exit code after an unexpected exception, as in ``sysexits.h``."""
 
 INTERRUPTED = 130
-"""Exit code after Ctrl-C, as shells have it."""
+"""Exit code after Ctrl-C, as in shells."""
 INTERRUPTION = "interrupted\n"
-"""What is said then."""
+"""Message after Ctrl-C."""
 
 _DISK_FULL = errno.ENOSPC, errno.EDQUOT
 _CRASHES = ("SIGSEGV", "SIGABRT", "SIGBUS", "SIGFPE", "SIGILL", "SIGSYS", "SIGTRAP", "SIGKILL")
 _PASSED_ON = ("SIGINT", "SIGTERM", "SIGHUP", "SIGUSR1", "SIGUSR2")
-_SENT_BY_A_TERMINAL = 0x80  # SI_KERNEL: the child has got it, too
+_SENT_BY_A_TERMINAL = 0x80  # SI_KERNEL: the child receives it, too
 _DIE_WITH_PARENT = 1  # PR_SET_PDEATHSIG
 
 
 def guard() -> None:
-    """Go on in a child process: this process ends as the child does, and returns nothing.
+    """Continue in a child process; this process exits as the child does and never returns.
 
     Signals are passed on to the child, and the child does not outlive this process.
     """
     if sys.platform != "linux":
         return
-    waited_for = {signal.SIGCHLD, *(getattr(signal, name) for name in _PASSED_ON)}
+    signals = {signal.SIGCHLD, *(getattr(signal, name) for name in _PASSED_ON)}
     signal.signal(signal.SIGCHLD, signal.SIG_DFL)
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, waited_for)
+    old_mask = signal.pthread_sigmask(signal.SIG_BLOCK, signals)
     parent = os.getpid()
     child = os.fork()
     if child == 0:
-        _die_with(parent)
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        _die_with_parent(parent)
+        signal.pthread_sigmask(signal.SIG_SETMASK, old_mask)
         return
-    _end_as(_outcome(child, waited_for), before)
+    _exit_like_child(_child_exit_code(child, signals), old_mask)
 
 
-def _outcome(child: int, waited_for: set[int]) -> int:
-    """Wait for the child and pass signals on; return its exit code, or minus its signal."""
+def _child_exit_code(child: int, signals: set[int]) -> int:
+    """Wait for the child and pass signals on; return its exit code, or minus its signal number."""
     while True:
         ended, status = os.waitpid(child, os.WNOHANG)
         if ended:
             return os.waitstatus_to_exitcode(status)
-        # The time is for a SIGCHLD that got lost.
-        seen = signal.sigtimedwait(waited_for, 1.0)
-        if seen is None or seen.si_signo == signal.SIGCHLD:
+        # The timeout is for a lost SIGCHLD.
+        received = signal.sigtimedwait(signals, 1.0)
+        if received is None or received.si_signo == signal.SIGCHLD:
             continue
-        if seen.si_code != _SENT_BY_A_TERMINAL:
-            os.kill(child, seen.si_signo)
+        if received.si_code != _SENT_BY_A_TERMINAL:
+            os.kill(child, received.si_signo)
 
 
-def _end_as(outcome: int, mask: set[int]) -> NoReturn:
-    if outcome >= 0:
-        sys.exit(outcome)
-    name = signal.Signals(-outcome).name
+def _exit_like_child(exit_code: int, mask: set[int]) -> NoReturn:
+    if exit_code >= 0:
+        sys.exit(exit_code)
+    name = signal.Signals(-exit_code).name
     if name in _CRASHES:
-        sys.stderr.write(f"error: {_what_happened(name)}; nothing more was done\n")
+        sys.stderr.write(f"error: {_crash_message(name)}; nothing more was done\n")
         sys.exit(CRASHED)
-    signal.signal(-outcome, signal.SIG_DFL)
+    signal.signal(-exit_code, signal.SIG_DFL)
     signal.pthread_sigmask(signal.SIG_SETMASK, mask)
-    os.kill(os.getpid(), -outcome)
-    sys.exit(CRASHED)  # a signal that ends nothing
+    os.kill(os.getpid(), -exit_code)
+    sys.exit(CRASHED)  # where the signal does not end a process
 
 
-def _what_happened(name: str) -> str:
+def _crash_message(name: str) -> str:
     if name == "SIGKILL":
         return "the process was killed from outside, perhaps for want of memory (SIGKILL)"
     return (
@@ -142,8 +142,8 @@ def _what_happened(name: str) -> str:
     )
 
 
-def _die_with(parent: int) -> None:
-    """Have the kernel end this process when its parent ends, however that comes about."""
+def _die_with_parent(parent: int) -> None:
+    """Have the kernel end this process when its parent ends for any reason."""
     import ctypes
 
     ctypes.CDLL(None).prctl(_DIE_WITH_PARENT, signal.SIGKILL)
@@ -152,7 +152,7 @@ def _die_with(parent: int) -> None:
 
 
 def begin() -> None:
-    """Begin a command that is loaded: from now on Ctrl-C is an exception, and garbage is found."""
+    """Restore after imports: Ctrl-C raises KeyboardInterrupt, and garbage is collected again."""
     if not gc.isenabled():
         gc.freeze()
         gc.enable()
@@ -161,6 +161,6 @@ def begin() -> None:
 
 
 def quit_at_once(*_: object) -> None:
-    """End the process at once: while libraries are loaded there is nothing to put in order."""
+    """End the process at once on Ctrl-C while libraries are imported; nothing needs a cleanup."""
     os.write(2, INTERRUPTION.encode())
     os._exit(INTERRUPTED)

@@ -1,6 +1,6 @@
-"""All commands of ``graspless-pin``; what a command needs is loaded when it is called.
+"""All commands of ``graspless-pin``; the module of a command is imported when it is called.
 
-What the command line says of a command is the docstring of its function, examples last.
+The help text of a command is the docstring of its function, examples last.
 """
 
 from __future__ import annotations
@@ -41,25 +41,25 @@ _COMMANDS = {
     "example": "example.example",
     "schema": "schema.schema",
 }
-"""Module and function of each command: a new one is added to this list."""
+"""Module and function of each command. A new command is added here."""
 
 
-class _LoadedWhenCalled(TyperGroup):
-    """A group whose list of commands loads none of them."""
+class _LazyCommandGroup(TyperGroup):
+    """A group of commands that lists them without importing their modules."""
 
     def invoke(self, ctx: Any) -> Any:
-        """Run the command: it does not end as if all were well where a finding is serious.
+        """Run the command; exit with code 4 instead of 0 after a serious finding.
 
-        Say so where it is interrupted, and what a wrong choice is near to.
+        Report an interruption, and add the nearest choice to the message of a wrong value.
         """
         from graspless_pin.cli.outcome import EMITTED, ExitCode
         from graspless_pin.findings import is_serious
 
-        token = EMITTED.set(found := [])
+        token = EMITTED.set(emitted := [])
         try:
             super().invoke(ctx)
-        except typer.Exit as end:
-            if end.exit_code != ExitCode.FOUND:
+        except typer.Exit as exit_request:
+            if exit_request.exit_code != ExitCode.FOUND:
                 raise
         except typer.BadParameter as error:
             error.message = _with_closest_choice(error.message)
@@ -69,75 +69,75 @@ class _LoadedWhenCalled(TyperGroup):
             raise typer.Exit(INTERRUPTED) from None
         finally:
             EMITTED.reset(token)
-        raise typer.Exit(ExitCode.DOUBTFUL if is_serious(found) else ExitCode.FOUND)
+        raise typer.Exit(ExitCode.DOUBTFUL if is_serious(emitted) else ExitCode.FOUND)
 
     def list_commands(self, ctx: Any) -> list[str]:
-        """Return the names of all, and read what is said of each."""
+        """Return the names of all commands, with the first line of help set for each."""
         for name, command in self.commands.items():
-            command.help = _summary(name)
+            command.help = _command_summary(name)
         return super().list_commands(ctx)
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
-        """Return the command that the arguments name, loaded now."""
+        """Return the command that the arguments name, its module imported."""
         name, listed, rest = super().resolve_command(ctx, args)
-        return name, listed and _loaded(str(name)), rest
+        return name, listed and _load_command(str(name)), rest
 
 
 def _with_closest_choice(message: str) -> str:
-    """Return what is said of a wrong value, with the choice that was probably meant."""
+    """Return the message about a wrong value, with the choice nearest to it."""
     from graspless_pin.suggestions import nearest_name
 
-    plain = message.removeprefix("Value error, ")
-    given, is_choice, choices = plain.partition(" is not one of ")
+    text = message.removeprefix("Value error, ")
+    given, is_choice, choices = text.partition(" is not one of ")
     nearest = nearest_name(given.strip("'"), re.findall(r"'(.*?)'", choices)) if is_choice else None
-    return plain if nearest is None else f"{plain} Did you mean {nearest!r}?"
+    return text if nearest is None else f"{text} Did you mean {nearest!r}?"
 
 
-class _Command(TyperCommand):
-    """A command that knows which options were given, and which files it reads and writes."""
+class _TrackedCommand(TyperCommand):
+    """A command that records the options that were given and the files that it reads and writes."""
 
     def make_context(self, *args: Any, **further: Any) -> Any:
-        """Read the arguments, and remember the options until the command has ended."""
+        """Parse the arguments, and keep the given options until the command has ended."""
         from graspless_pin.cli.outcome import GIVEN_OPTIONS
         from graspless_pin.cli.outputs import files_of_command
 
         context = super().make_context(*args, **further)
         given = {
-            f"{one.name}{'s' * one.multiple}": name if name.startswith("-") else name.upper()
-            for one, name in ((one, one.opts[0]) for one in self.params)
-            if (source := context.get_parameter_source(one.name)) and source.name == "COMMANDLINE"
+            f"{param.name}{'s' * param.multiple}": name if name.startswith("-") else name.upper()
+            for param, name in ((param, param.opts[0]) for param in self.params)
+            if (source := context.get_parameter_source(param.name)) and source.name == "COMMANDLINE"
         }
         context.call_on_close(partial(GIVEN_OPTIONS.reset, GIVEN_OPTIONS.set(given)))
         context.with_resource(files_of_command())
         return context
 
 
-def _summary(name: str) -> str:
-    """Return the first line of a command's docstring: its module is parsed, not loaded."""
+def _command_summary(name: str) -> str:
+    """Return the first line of a command's docstring; its module is parsed, not imported."""
     module, function = _COMMANDS[name].split(".")
     source = Path(__file__).with_name(f"{module}.py").read_text(encoding="utf-8")
-    (found,) = [
-        one
-        for one in ast.parse(source).body
-        if isinstance(one, ast.FunctionDef) and one.name == function
+    (definition,) = [
+        node
+        for node in ast.parse(source).body
+        if isinstance(node, ast.FunctionDef) and node.name == function
     ]
-    return (ast.get_docstring(found) or "").partition("\n")[0]
+    return (ast.get_docstring(definition) or "").partition("\n")[0]
 
 
-def _loaded(name: str) -> Any:
-    """Return a command as its module has it, with the examples of its docstring below its help."""
+def _load_command(name: str) -> Any:
+    """Import and return a command; the examples of its docstring are the epilog of its help."""
     module, function = _COMMANDS[name].split(".")
-    called = getattr(import_module(f"graspless_pin.cli.{module}"), function)
+    command = getattr(import_module(f"graspless_pin.cli.{module}"), function)
     begin()
-    description, title, examples = (inspect.getdoc(called) or "").partition("Examples:\n")
-    shown = "\n\n".join([title.strip(), *map(str.strip, examples.splitlines())])
-    alone = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
-    alone.command(name, cls=_Command, help=description, epilog=shown)(called)
-    return typer.main.get_command(alone)
+    description, title, examples = (inspect.getdoc(command) or "").partition("Examples:\n")
+    epilog = "\n\n".join([title.strip(), *map(str.strip, examples.splitlines())])
+    group = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
+    group.command(name, cls=_TrackedCommand, help=description, epilog=epilog)(command)
+    return typer.main.get_command(group)
 
 
 app = typer.Typer(
-    cls=_LoadedWhenCalled,
+    cls=_LazyCommandGroup,
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
@@ -173,9 +173,9 @@ def _options(
     pass
 
 
-def _only_listed() -> None:
-    """Stand for a command in the list of all."""
+def _placeholder_command() -> None:
+    """Stand in for a command until it is imported."""
 
 
 for _name in _COMMANDS:
-    app.command(_name)(_only_listed)
+    app.command(_name)(_placeholder_command)

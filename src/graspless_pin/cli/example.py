@@ -52,31 +52,31 @@ def example(
 def example_files() -> dict[str, Path]:
     """Return the files of the examples by name."""
     root = _PACKAGE if _PACKAGE.is_dir() else _SOURCE
-    found = [*root.glob("*.yaml"), *root.glob("paper/*.yaml"), *root.glob("studies/*.yaml")]
-    return {file.stem: file for file in sorted(found)}
+    files = [*root.glob("*.yaml"), *root.glob("paper/*.yaml"), *root.glob("studies/*.yaml")]
+    return {file.stem: file for file in sorted(files)}
 
 
 def copy_example(file: Path, folder: Path) -> list[Path]:
-    """Copy a file, and those that it names, to a folder.
+    """Copy an example and the files that it refers to into a folder.
 
     Args:
         file: A scene or study.
-        folder: Where to; what is in folders beside it stays in such.
+        folder: The folder; subfolders of the examples are kept.
 
     Returns:
-        The copies, relative to the folder, that of the file first.
+        The copies, relative to the folder, the example itself first.
 
     Raises:
-        ArgumentError: One is there already; nothing is copied then.
+        ArgumentError: If one of them exists already; then nothing is copied.
     """
-    sources = list(dict.fromkeys(_with_named(file)))
+    sources = list(dict.fromkeys(_referenced_files(file)))
     root = Path(os.path.commonpath([source.parent for source in sources]))
     copies = [source.relative_to(root) for source in sources]
-    there = [str(copy) for copy in copies if (folder / copy).exists()]
-    if there:
+    taken = [str(copy) for copy in copies if (folder / copy).exists()]
+    if taken:
         raise ArgumentError(
             "name",
-            f"{', '.join(there)} {'is' if len(there) == 1 else 'are'} in this folder already; "
+            f"{', '.join(taken)} {'is' if len(taken) == 1 else 'are'} in this folder already; "
             "nothing was copied: go to another folder",
         )
     for source, copy in zip(sources, copies, strict=True):
@@ -85,15 +85,15 @@ def copy_example(file: Path, folder: Path) -> list[Path]:
     return copies
 
 
-def _with_named(file: Path) -> Iterator[Path]:
-    """Yield a file and all files that it names, and those that they name."""
+def _referenced_files(file: Path) -> Iterator[Path]:
+    """Yield a file and all files that it refers to, recursively."""
     yield file
     if file.suffix != ".yaml":
         return
-    table = file.with_suffix(".csv")  # the plan that begins with the scene
+    table = file.with_suffix(".csv")  # a plan that starts from the scene
     if table.is_file():
         yield table
-    for word in texts_of(parse_yaml(file.read_text()).data):
-        named = (file.parent / word).resolve()
-        if named.is_file():
-            yield from _with_named(named)
+    for text in texts_of(parse_yaml(file.read_text()).data):
+        referenced = (file.parent / text).resolve()
+        if referenced.is_file():
+            yield from _referenced_files(referenced)

@@ -114,15 +114,15 @@ def new(
     """
     with plain_errors():
         check_output("--output", output, OutputKind.SCENE, overwrite=overwrite)
-        shape = _shape(obj, scale, decompose=decompose)
-        limits = dict(map(_limit, effort or []))
-        slope = _slope(support)
-        made: list[NewSceneText] = []
-        found: list[Finding] = []
+        shape = _parse_shape(obj, scale, decompose=decompose)
+        limits = dict(map(_parse_effort_limit, effort or []))
+        slope = _parse_slope(support)
+        new_scenes: list[NewSceneText] = []
+        findings: list[Finding] = []
 
-        def text(target: Path) -> str:
+        def compose_text(target: Path) -> str:
             with waiting_for("reading the robot and the object"), capture() as emitted:
-                made.append(
+                new_scenes.append(
                     new_scene_text(
                         target,
                         robot,
@@ -140,75 +140,78 @@ def new(
                 )
             check_inputs_stay()
             emit(*emitted)
-            found.extend(emitted)
-            return made[0].text
+            findings.extend(emitted)
+            return new_scenes[0].text
 
-        typer.echo(f"wrote {write_scene_file(output, text, overwrite=overwrite)}")
+        typer.echo(f"wrote {write_scene_file(output, compose_text, overwrite=overwrite)}")
         if _write_schema(output.with_name(SCHEMA_FILE)):
             typer.echo(f"wrote {output.with_name(SCHEMA_FILE)}, for editors")
-        huge = any(
-            one.code is FindingCode.UNLIKELY_SIZE and one.key[:1] == ("object",) for one in found
+        is_huge = any(
+            finding.code is FindingCode.UNLIKELY_SIZE and finding.key[:1] == ("object",)
+            for finding in findings
         )
-        _echo_next_steps(made[0], limits.get(""), output, huge=huge)
-    if huge:
+        _echo_next_steps(new_scenes[0], limits.get(""), output, huge=is_huge)
+    if is_huge:
         raise typer.Exit(ExitCode.DOUBTFUL)
 
 
-def _echo_next_steps(made: NewSceneText, effort: float | None, output: Path, *, huge: bool) -> None:
-    if made.kept:
-        stated = tuple(f"{name} ({limit:g})" for name, limit in made.kept.items())
+def _echo_next_steps(new: NewSceneText, effort: float | None, output: Path, *, huge: bool) -> None:
+    if new.kept:
+        stated = tuple(f"{name} ({limit:g})" for name, limit in new.kept.items())
         echo_note(
             f"--effort {effort:g} is for limits that the robot's files do not tell; theirs stay: "
             f"{first_of(stated, _MOST_NAMED)}; --effort NAME={effort:g} replaces one"
         )
-    first = ["correct the size of the object"] if huge else []
-    if made.left_open:
-        first.append(
+    steps = ["correct the size of the object"] if huge else []
+    if new.left_open:
+        steps.append(
             "fill in hand.effort_limits: the robot's files do not tell what "
-            f"{first_of(made.left_open, _MOST_NAMED)} can give"
+            f"{first_of(new.left_open, _MOST_NAMED)} can give"
         )
-    if made.unplaceable:
-        first.append(f"graspless-pin place refuses this hand as it is ({made.unplaceable})")
-    away = () if huge else made.out_of_reach
-    base = " --move-base" if away else ""
-    first.append(f"{'then' if first else 'now'}: graspless-pin place {output} -o placed.yaml{base}")
-    if away:
-        alone = " or ".join(away)
-        first.append(f"if the arm is in the way there, take a hand alone: --root-link {alone}")
-    typer.echo("; ".join(first))
+    if new.unplaceable:
+        steps.append(f"graspless-pin place refuses this hand as it is ({new.unplaceable})")
+    out_of_reach = () if huge else new.out_of_reach
+    move_base = " --move-base" if out_of_reach else ""
+    steps.append(
+        f"{'then' if steps else 'now'}: graspless-pin place {output} -o placed.yaml{move_base}"
+    )
+    if out_of_reach:
+        palms = " or ".join(out_of_reach)
+        steps.append(f"if the arm is in the way there, take a hand alone: --root-link {palms}")
+    typer.echo("; ".join(steps))
 
 
-def _shape(text: str, scale: float, *, decompose: bool) -> Shape:
-    """Return the shape that an argument names."""
-    kind, colon, rest = text.partition(":")
+def _parse_shape(text: str, scale: float, *, decompose: bool) -> Shape:
+    """Return the shape of the argument OBJECT: a primitive with lengths, or a mesh file."""
+    kind, colon, lengths = text.partition(":")
     if colon and kind in _PRIMITIVES:
         names = _PRIMITIVES[kind]
-        numbers = [number_of("OBJECT", number) for number in rest.split(",")]
+        numbers = [number_of("OBJECT", number) for number in lengths.split(",")]
         if len(numbers) != len(names.split(",")):
             raise ArgumentError(
                 "OBJECT", f"found {text!r}; needs {kind}:{names}, lengths in metres"
             )
         if scale != 1.0 or decompose:
             raise ArgumentError("OBJECT", f"--scale and --decompose go with a mesh, not a {kind}")
-        make, remaining = SHAPES[kind], iter(numbers)
-        types = get_type_hints(make)
+        shape_class, unread = SHAPES[kind], iter(numbers)
+        types = get_type_hints(shape_class)
 
         def value_of(key: str) -> Any:
-            if make.lengths().get(key) == 3:
-                return tuple(islice(remaining, 3))
-            number = next(remaining)
+            if shape_class.lengths().get(key) == 3:
+                return tuple(islice(unread, 3))
+            number = next(unread)
             return int(number) if types[key] is int and number.is_integer() else number
 
-        return make(*(value_of(key.name) for key in fields(make)))
-    if re.fullmatch(r"[-+.,\deE]+", rest):
+        return shape_class(*(value_of(key.name) for key in fields(shape_class)))
+    if re.fullmatch(r"[-+.,\deE]+", lengths):
         raise ArgumentError("OBJECT", f"{kind!r} is no shape; {names_in_words(kind, _PRIMITIVES)}")
     if not Path(text).suffix:
         raise ArgumentError("OBJECT", f"found {text!r}; needs a mesh file or one of {_LENGTHS}")
     return MeshShape(Path(text), scale, convex="decompose" if decompose else "hull")
 
 
-def _limit(text: str) -> tuple[str, float]:
-    """Return the name, empty for all, and the effort limit of an option."""
+def _parse_effort_limit(text: str) -> tuple[str, float]:
+    """Return the name, empty for all actuators, and the limit (N m or N) of an --effort option."""
     name, _, number = text.rpartition("=")
     limit = number_of("--effort", number)
     if not 0.0 < limit < math.inf:
@@ -216,8 +219,8 @@ def _limit(text: str) -> tuple[str, float]:
     return name, limit
 
 
-def _slope(text: str) -> float:
-    """Return the angle of the support, rad."""
+def _parse_slope(text: str) -> float:
+    """Return the angle of the --support option, rad."""
     if text == "flat":
         return 0.0
     angle = re.fullmatch(r"slope:\s*([-+.\deE]+?)\s*(deg|°|rad)", text)
@@ -232,7 +235,7 @@ def _slope(text: str) -> float:
 
 
 def _write_schema(file: Path) -> bool:
-    """Write the JSON schema of scenes where there is none; return whether it was done."""
+    """Write the JSON schema of scenes unless the file exists; return whether it was written."""
     if file.exists():
         return False
     with draft_of(file) as draft:

@@ -1,4 +1,4 @@
-"""What all commands share: exit codes, and how errors are shown."""
+"""Shared by all commands: exit codes, loading of scenes, and how errors and findings are shown."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ if TYPE_CHECKING:
 
 
 class ExitCode(IntEnum):
-    """What the command line ends with."""
+    """Exit codes of the command line."""
 
     FOUND = 0
     INFEASIBLE = 1
     BAD_INPUT = 2
     NOT_PROVEN = 3
     DOUBTFUL = 4
-    """Found or done, and something serious is wrong: the answer is one to another question."""
+    """Found or done, but with a serious finding: the answer may be to another question."""
 
 
 _MOST_LINES = 8
@@ -50,16 +50,16 @@ _ELLIPSIS = " [...] "
 def plain_errors() -> Iterator[None]:
     """Show findings and errors of this package as one message each, without a traceback.
 
-    It names an option where an error names the argument that this becomes.
+    An error that names an argument is shown with the command-line option of that argument.
     """
     with capture() as found:
-        token = _PRINTED.set(_Printed(found))
+        token = _PRINTED.set(_PrintedFindings(found))
         try:
             yield
         except GrasplessPinError as error:
-            argument, colon, rest = str(error).partition(": ")
+            argument, colon, message = str(error).partition(": ")
             option = GIVEN_OPTIONS.get({}).get(argument, argument)
-            echo_error(f"{option}{colon}{rest}")
+            echo_error(f"{option}{colon}{message}")
             raise typer.Exit(ExitCode.BAD_INPUT) from None
         except MemoryError:
             echo_error("there is not enough memory for this input")
@@ -71,22 +71,22 @@ def plain_errors() -> Iterator[None]:
 
 
 GIVEN_OPTIONS: ContextVar[Mapping[str, str]] = ContextVar("given_options")
-"""Options of the command line by the argument that each becomes."""
+"""Command-line options that were given, by the name of the argument."""
 
 
 EMITTED: ContextVar[list[Finding]] = ContextVar("emitted")
-"""What was found so far by the command that runs."""
+"""Findings of the running command so far."""
 
 
 def loaded_scene(path: Path, *, findings: bool = True) -> Scene:
-    """Load a scene, and say so where it takes long: a mesh may have a million triangles.
+    """Load a scene, with a progress line where it takes long (large meshes).
 
     Args:
         path: The scene file.
-        findings: Whether those of the scene are emitted: not where its state is about to change.
+        findings: Whether to emit the scene's findings; not where its state is about to change.
 
     Raises:
-        ArgumentError: If an output of the command is a file that the scene reads.
+        ArgumentError: If an output of the command is a file that was read for the scene.
     """
     from graspless_pin.scene import load_scene
 
@@ -111,14 +111,14 @@ ControllerOption = Annotated[
 
 
 def with_controller(scene: Scene, stiffness: str | None) -> Scene:
-    """Return a scene under another controller.
+    """Return a scene with another joint stiffness of its controller.
 
     Args:
         scene: The scene.
-        stiffness: Of joint feedback, see `ControllerOption`; its damping stays. None: the file's.
+        stiffness: Of joint feedback, see `ControllerOption`; the damping stays. None: unchanged.
 
     Raises:
-        ArgumentError: If it is no stiffness.
+        ArgumentError: If it is not a valid stiffness.
     """
     if stiffness is None:
         return scene
@@ -134,20 +134,20 @@ def with_controller(scene: Scene, stiffness: str | None) -> Scene:
 
 
 def exit_code(solution: TorqueSolution) -> ExitCode:
-    """Return what a command ends with that has looked for torques."""
+    """Return the exit code of a command for the status of a solution."""
     if solution.found:
         return ExitCode.FOUND
     return ExitCode.NOT_PROVEN if solution.status in UNDECIDED else ExitCode.INFEASIBLE
 
 
 @dataclass
-class _Printed:
-    """What a command has found, what of that it has said on standard error, and in how many bytes.
+class _PrintedFindings:
+    """Findings of a command, and which of them were printed on standard error.
 
     Attributes:
-        found: What was emitted.
-        shown: What of that was printed.
-        room: How many bytes more there may be.
+        found: Findings that were emitted.
+        shown: Those of them that were printed.
+        room: Bytes left for further output on standard error.
     """
 
     found: list[Finding]
@@ -156,10 +156,10 @@ class _Printed:
 
 
 def number_of(option: str, text: str) -> float:
-    """Return the number that an option, or a part of one, is.
+    """Return an option, or a part of one, as a number.
 
     Raises:
-        ArgumentError: If it is none.
+        ArgumentError: If it is not a number.
     """
     try:
         return float(text)
@@ -171,7 +171,7 @@ def three_numbers(option: str, text: str) -> list[float]:
     """Return the numbers of an option such as ``1,0,0``.
 
     Raises:
-        ArgumentError: If they are not three finite ones.
+        ArgumentError: If they are not three finite numbers.
     """
     try:
         numbers = [float(word) for word in text.split(",")]
@@ -182,7 +182,7 @@ def three_numbers(option: str, text: str) -> list[float]:
     return numbers
 
 
-_PRINTED: ContextVar[_Printed] = ContextVar("printed")
+_PRINTED: ContextVar[_PrintedFindings] = ContextVar("printed")
 
 
 def echo_error(message: str) -> None:
@@ -198,48 +198,50 @@ def echo_note(message: str) -> None:
     typer.echo(f"note: {shortened(message, _NOTE_BYTES)}", err=True)
 
 
-def shortened(message: str, most: int) -> str:
-    """Return a message of at most some bytes and a few lines, with what cannot be printed named.
+def shortened(message: str, byte_limit: int) -> str:
+    """Return a message cut to a number of bytes and a few lines, unprintable characters as codes.
 
-    Messages quote what was found, and a file may hold a megabyte of it.
+    Messages quote input, which may be a megabyte long.
     """
     lines = printable(message).splitlines()
     text = "\n".join(lines[:_MOST_LINES])
     if len(lines) > _MOST_LINES:
         text += f"\n... and {len(lines) - _MOST_LINES} lines more"
     content = text.encode()
-    if len(content) <= most:
+    if len(content) <= byte_limit:
         return text
-    half = (most - len(_ELLIPSIS)) // 2
-    # What is wrong may stand before or after what was found.
+    half = (byte_limit - len(_ELLIPSIS)) // 2
+    # The fault may be named before or after the quoted input.
     ends = (content[:half].decode(errors="ignore"), content[-half:].decode(errors="ignore"))
     return _ELLIPSIS.join(ends)
 
 
 def show_findings() -> None:
-    """Print on standard error what was emitted so far, the gravest first, each once a command.
+    """Print the findings emitted so far on standard error, the gravest first, each only once.
 
-    `plain_errors` does so at the end; commands that print or wait for long call it before.
+    `plain_errors` calls it at the end; commands call it before they print or compute for long.
 
-    A line each, as wide as it comes; on a terminal in colour and within its width.
+    One line per finding; on a terminal coloured and wrapped to its width.
     """
     printed = _PRINTED.get()
-    remaining = [one for one in causes_first(printed.found) if one not in printed.shown]
+    remaining = [finding for finding in causes_first(printed.found) if finding not in printed.shown]
     printed.shown.update(remaining)
-    wide = sys.stderr.isatty()
-    for index, one in enumerate(remaining):
-        text = f"{shortened(str(one), _ERROR_BYTES)} [{one.code}]"
+    is_terminal = sys.stderr.isatty()
+    for index, finding in enumerate(remaining):
+        text = f"{shortened(str(finding), _ERROR_BYTES)} [{finding.code}]"
         printed.room -= len(text.encode()) + len("warning: ") + 1
         if printed.room < 0:
             echo_note(f"{len(remaining) - index} findings more, see scene.findings")
             return
-        if wide:
+        if is_terminal:
             width = min(shutil.get_terminal_size().columns, _WIDEST) - 1
             text = textwrap.fill(
-                f"{one.severity}: {text}", width, subsequent_indent="  ", break_on_hyphens=False
+                f"{finding.severity}: {text}", width, subsequent_indent="  ", break_on_hyphens=False
             )
-            text = text.removeprefix(f"{one.severity}: ")
-        typer.echo(f"{typer.style(f'{one.severity}:', **_STYLES[one.severity])} {text}", err=True)
+            text = text.removeprefix(f"{finding.severity}: ")
+        typer.echo(
+            f"{typer.style(f'{finding.severity}:', **_STYLES[finding.severity])} {text}", err=True
+        )
 
 
 _STYLES: dict[Severity, Any] = {

@@ -1,8 +1,7 @@
 """Which files commands may write: one rule for all of them.
 
-What a command has read is never replaced, and what another program may have written only with
-``--overwrite``. What the same kind of command has written before is replaced: commands are run
-again and again.
+A file that the command has read is never replaced. A file that another program may have written is
+replaced only with ``--overwrite``. An earlier output of the same kind is replaced without asking.
 """
 
 from __future__ import annotations
@@ -23,16 +22,16 @@ import typer
 from graspless_pin.errors import ArgumentError
 from graspless_pin.intake.files import FileIdentity, files_read, identity_of
 
-_LOOKED_AT = 65536  # bytes; all marks stand in them
+_LOOKED_AT = 65536  # bytes, which contain all marks
 MODEL_MARK = "<!-- written by graspless-pin simulate -->\n"
-"""First line of the models that are written: it tells them from others' models."""
+"""First line of written models, which distinguishes them from models of other programs."""
 
 
 class OutputKind(Enum):
-    """What commands write: what messages call it, and how files of it that are there begin.
+    """Kinds of outputs: name in messages, and pattern of the beginning of such a file.
 
-    Nothing marks pictures, videos and scenes. The former are replaced; a scene may be a user's own
-    work, and is replaced only with ``--overwrite``.
+    Pictures, videos and scenes have no mark. Pictures and videos are replaced; a scene may be a
+    user's own work, and is replaced only with ``--overwrite``.
     """
 
     SOLUTION = "solution document", rb'\s*\{\s*"format": *\d+,\s*"status": *"'
@@ -46,7 +45,7 @@ class OutputKind(Enum):
     SCENE = "", b""
 
     def is_own(self, path: Path) -> bool:
-        """Return whether a file that is there may be taken for one that commands write as this."""
+        """Return whether an existing file looks like an output of this kind."""
         if self in (OutputKind.PICTURE, OutputKind.SCENE):
             return self is OutputKind.PICTURE
         with path.open("rb") as file:
@@ -62,21 +61,21 @@ OverwriteOption = Annotated[
 
 
 @dataclass(frozen=True)
-class _Files:
-    """What a command has read, and what it is to write."""
+class _CommandFiles:
+    """Files that a command has read, and its outputs: option, path, kind and identity of each."""
 
     read: Mapping[FileIdentity, Path]
     outputs: list[tuple[str, Path, OutputKind, FileIdentity]] = field(default_factory=list)
 
 
-_FILES: ContextVar[_Files | None] = ContextVar("files", default=None)
+_FILES: ContextVar[_CommandFiles | None] = ContextVar("files", default=None)
 
 
 @contextmanager
 def files_of_command() -> Iterator[None]:
-    """Keep in mind what is read and to be written as long as a command runs."""
+    """Record the files that are read and the outputs while a command runs."""
     with files_read() as read:
-        token = _FILES.set(_Files(read))
+        token = _FILES.set(_CommandFiles(read))
         try:
             yield
         finally:
@@ -86,18 +85,18 @@ def files_of_command() -> Iterator[None]:
 def check_output(
     option: str, file: str | Path | None, kind: OutputKind, *, overwrite: bool = False
 ) -> None:
-    """Refuse an output that cannot be written, or that would replace what may be another's.
+    """Refuse an output that cannot be written, or that would replace a file of another kind.
 
-    It is called before anything is computed, and `check_inputs_stay` once the input is read.
+    Call it before anything is computed, and `check_inputs_stay` once the input is read.
 
     Args:
-        option: That names the file.
-        file: The file to write; ``-`` or None: none.
+        option: The option that names the file.
+        file: The file to write; ``-`` or None: no file.
         kind: What is written.
-        overwrite: Whether any file of that name may be replaced.
+        overwrite: Whether a file of any kind may be replaced.
 
     Raises:
-        ArgumentError: If it cannot be written, or is there and not of that kind.
+        ArgumentError: If it cannot be written, or exists and is not of that kind.
     """
     if file is None or str(file) == "-":
         return
@@ -113,15 +112,15 @@ def check_output(
         _check_folder(option, path)
         return
     except (OSError, ValueError) as error:
-        why = error.strerror if isinstance(error, OSError) else error
+        reason = error.strerror if isinstance(error, OSError) else error
         raise ArgumentError(
-            option, f"{str(file)!r} cannot be written ({why}); choose another name"
+            option, f"{str(file)!r} cannot be written ({reason}); choose another name"
         ) from None
     if not is_own:
-        what = f" and no {kind.value[0]}" if kind.value[0] else ""
+        kind_note = f" and no {kind.value[0]}" if kind.value[0] else ""
         raise ArgumentError(
             option,
-            f"{file} is there already{what}; choose another name, or replace it (--overwrite)",
+            f"{file} is there already{kind_note}; choose another name, or replace it (--overwrite)",
         )
     if (files := _FILES.get()) is not None:
         files.outputs.append((option, path, kind, identity_of(state)))
@@ -131,10 +130,10 @@ def check_inputs_stay(scene: Path | None = None) -> None:
     """Refuse outputs that would replace a file which the command has read.
 
     Args:
-        scene: The scene file; a scene file that is written may replace it.
+        scene: The scene file, which an output of kind `SCENE` may replace.
 
     Raises:
-        ArgumentError: If there is one.
+        ArgumentError: If there is such an output.
     """
     if (files := _FILES.get()) is None:
         return
@@ -148,7 +147,7 @@ def check_inputs_stay(scene: Path | None = None) -> None:
 
 
 def _check_folder(option: str, path: Path) -> None:
-    """Refuse a file whose folder, or the one in which that is to be made, takes none."""
+    """Refuse a file whose folder, or the nearest existing one above it, cannot be written to."""
     folder = path.absolute().parent
     while not folder.exists():
         folder = folder.parent

@@ -100,9 +100,9 @@ def place(
             echo_note("each mount is placed by itself; --together moves all as one body")
         emit(*figure_findings(loaded))
 
-        def text(target: Path) -> str:
+        def placed_scene_text(target: Path) -> str:
             with waiting_for("placing the hand") as update:
-                found = place_hand(
+                placing = place_hand(
                     loaded,
                     approach=None if approach is None else three_numbers("--approach", approach),
                     point=None if point is None else three_numbers("--point", point),
@@ -119,14 +119,14 @@ def place(
                     workers=workers,
                     progress=lambda done, of, good: update(f"{done} of {of} tried, {good} hold"),
                 )
-            typer.echo(found)
-            if all_places and found.places:
-                typer.echo(found.table)
-            if not found.places:
+            typer.echo(placing)
+            if all_places and placing.places:
+                typer.echo(placing.table)
+            if not placing.places:
                 raise typer.Exit(ExitCode.INFEASIBLE)
-            if rank > len(found.places):
-                raise ArgumentError("--rank", f"is {rank}; {len(found.places)} places were found")
-            return scene_text(found.places[rank - 1].scene, target)
+            if rank > len(placing.places):
+                raise ArgumentError("--rank", f"is {rank}; {len(placing.places)} places were found")
+            return scene_text(placing.places[rank - 1].scene, target)
 
-        typer.echo(f"wrote {write_scene_file(output, text, overwrite=overwrite)}")
+        typer.echo(f"wrote {write_scene_file(output, placed_scene_text, overwrite=overwrite)}")
         typer.echo(f"now: graspless-pin solve {output}")

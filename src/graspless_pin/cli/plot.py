@@ -35,14 +35,14 @@ if TYPE_CHECKING:
 
 
 class PlotKind(StrEnum):
-    """What is drawn of results."""
+    """Kinds of plots."""
 
     LINE = "line"
     """A result over one variable."""
     MAP = "map"
     """A result over two variables."""
     BOUNDARY = "boundary"
-    """Where the outcome changes, over two variables."""
+    """Boundary between outcomes, over two variables."""
     SQUEEZE = "squeeze"
     """How hard the hand of a scene may squeeze."""
     TOLERANCES = "tolerances"
@@ -114,7 +114,7 @@ def plot(
                 f"{results} is no table: of a scene ask for --kind squeeze or tolerances, of a "
                 "study give the table that it wrote",
             )
-        figure = _figure()
+        figure = _new_figure()
         pictures = figure.canvas.get_supported_filetypes()
         if output.suffix.lower().removeprefix(".") not in pictures:
             raise ArgumentError(
@@ -137,18 +137,18 @@ def plot(
 
 
 def _draw_tolerances(scene: Scene, solution: TorqueSolution, figure: Figure) -> None:
-    """Draw what is borne by direction, and print it."""
-    found = tolerances_under(scene, solution, quantities=DIRECTED)
-    count = len(found.each)
+    """Draw and print the tolerances that depend on a direction: pushes, moments, centre of mass."""
+    tolerances = tolerances_under(scene, solution, quantities=DIRECTED)
+    count = len(tolerances.each)
     figure.set_size_inches(4.2 * count, 5.2)  # titles and legends are whole
     panels = figure.subplots(1, count, subplot_kw={"projection": "polar"}, squeeze=False)[0]
-    for one, axes in zip(found.each, panels, strict=True):
-        tolerance_plot(found, one.quantity, axes)
-    typer.echo(str(found))
+    for tolerance, axes in zip(tolerances.each, panels, strict=True):
+        tolerance_plot(tolerances, tolerance.quantity, axes)
+    typer.echo(str(tolerances))
 
 
 def _draw_squeeze(scene: Scene, solution: TorqueSolution, figure: Figure) -> None:
-    """Draw margin, growth and normal forces over the squeeze, and print the window."""
+    """Draw margin, growth and normal forces over the squeeze, and print the squeeze window."""
     with waiting_for("trying how hard the hand may squeeze"):
         window = squeeze_window(scene, solution.torques)
     figure.set_figheight(6.6)
@@ -168,41 +168,43 @@ def _draw_study(
     columns: tuple[str | None, str | None, str | None],
     figure: Figure,
 ) -> None:
-    """Draw a result of a study."""
+    """Draw a column (x, y, value) of a study's table."""
     x, y, value = columns
     table = read_results(results)
-    across = x or _varied(table, "x", ())
+    x_name = x or _first_varied_column(table, "x", ())
     if kind is PlotKind.LINE:
-        margin_plot(table, across, figure.add_subplot(), value=value or _result(table))
+        margin_plot(table, x_name, figure.add_subplot(), value=value or _result_column(table))
         return
-    up = y or _varied(table, "y", (across,))
+    y_name = y or _first_varied_column(table, "y", (x_name,))
     if kind is PlotKind.MAP:
-        margin_heat_map(table, across, up, figure.add_subplot(), value=value or _result(table))
+        margin_heat_map(
+            table, x_name, y_name, figure.add_subplot(), value=value or _result_column(table)
+        )
     else:
-        outcome_boundary(table, across, up, figure.add_subplot(), outcome=value or "found")
+        outcome_boundary(table, x_name, y_name, figure.add_subplot(), outcome=value or "found")
 
 
-def _result(table: Any) -> str:
-    """Return what a study looked for: the margin, or torques where each margin is as required."""
-    found = table[table["found"]]
-    margins = found["margin_N"]
-    required = found["solve.margin_N"] if "solve.margin_N" in found else margins.median()
-    is_required = len(found) > 1 and np.allclose(margins, required, rtol=1e-6, atol=0.0)
-    torques = [name for name in ("max_torque_Nm", "max_torque_N") if name in found]
+def _result_column(table: Any) -> str:
+    """Return the column to draw: the largest torque where all margins are required ones, else e."""
+    solved = table[table["found"]]
+    margins = solved["margin_N"]
+    required = solved["solve.margin_N"] if "solve.margin_N" in solved else margins.median()
+    is_required = len(solved) > 1 and np.allclose(margins, required, rtol=1e-6, atol=0.0)
+    torques = [name for name in ("max_torque_Nm", "max_torque_N") if name in solved]
     return torques[0] if is_required and torques else "margin_N"
 
 
-def _varied(table: Any, option: str, taken: tuple[str, ...]) -> str:
-    """Return the first column of numbers that vary in a study's table, but for some."""
+def _first_varied_column(table: Any, option: str, used: tuple[str, ...]) -> str:
+    """Return the first unused column of a study's variables with several numeric values."""
     columns = table.columns[1 : table.columns.get_loc("status")]
     for name in columns:
-        if name not in taken and table[name].dtype.kind in "if" and table[name].nunique() > 1:
+        if name not in used and table[name].dtype.kind in "if" and table[name].nunique() > 1:
             return name
     raise ArgumentError(f"--{option}", f"has nothing to show: no further column of {[*columns]}")
 
 
-def _figure() -> Figure:
-    """Return a figure that no window shows."""
+def _new_figure() -> Figure:
+    """Return an empty figure without a window."""
     with optional_import("plots need matplotlib", "plots"):
         from matplotlib.figure import Figure
     return Figure(figsize=(6.4, 4.8), layout="constrained")

@@ -48,7 +48,7 @@ def close_scene(
         with waiting_for("closing the fingers"):
             closed = close_fingers(loaded, fingers=finger, wrap=wrap)
         if closed.closing.all_touch:
-            contacts_of(closed.scene)  # refuses an object that is deep in a support
+            contacts_of(closed.scene)  # raises if the object is deep in a support
         written = closed.scene.save(output, overwrite=overwrite)
         emit(*closed.scene.findings)
         typer.echo(f"{closed.closing}\nwrote {written}")
@@ -69,11 +69,11 @@ def settle_scene(scene: _Source, output: _Output, overwrite: OverwriteOption = F
     with plain_errors():
         check_output("--output", output, OutputKind.SCENE, overwrite=overwrite)
         loaded = loaded_scene(scene, findings=False)
-        rested = settle(loaded)
-        displacement = rested.object.T_world_object[:3, 3] - loaded.object.T_world_object[:3, 3]
-        down = float(displacement @ loaded.gravity) / float(np.linalg.norm(loaded.gravity))
-        word = "down" if down >= 0.0 else "up"
-        moved = f"object '{rested.object.name}' goes {word} by {1e3 * abs(down):.3f} mm"
-        written = rested.save(output, overwrite=overwrite)
-        emit(*(one for one in rested.findings if one.key[:1] != ("hand",)))
+        settled = settle(loaded)
+        displacement = settled.object.T_world_object[:3, 3] - loaded.object.T_world_object[:3, 3]
+        distance = float(displacement @ loaded.gravity) / float(np.linalg.norm(loaded.gravity))
+        direction = "down" if distance >= 0.0 else "up"
+        moved = f"object '{settled.object.name}' goes {direction} by {1e3 * abs(distance):.3f} mm"
+        written = settled.save(output, overwrite=overwrite)
+        emit(*(finding for finding in settled.findings if finding.key[:1] != ("hand",)))
         typer.echo(f"{moved}\nwrote {written}")

@@ -131,40 +131,40 @@ def report(
     """
     with plain_errors():
         check_output("--output", output, OutputKind.PAGE, overwrite=overwrite)
-        asked = {"algorithm": algorithm, "verdict_nodes": verdict_nodes, **figures}
+        options = {"algorithm": algorithm, "verdict_nodes": verdict_nodes, **figures}
         if source.suffix.lower() == ".json":
-            of_scenes = {"controller": controller, "no_verdict": no_verdict or None, **asked}
-            case = _documented_case(source, scene, of_scenes)
+            scene_only = {"controller": controller, "no_verdict": no_verdict or None, **options}
+            case = _case_from_document(source, scene, scene_only)
         elif scene is not None:
             raise ArgumentError("--scene", "goes with a solution document (.json) alone")
         else:
-            case = _solved_case(source, controller, no_verdict=no_verdict, **asked)
+            case = _case_from_scene(source, controller, no_verdict=no_verdict, **options)
         lapse = window = None
-        if simulated and (of := _scene_for(case, "--simulate")):
+        if simulated and (option_scene := _scene_for_option(case, "--simulate")):
             with waiting_for("simulating"):
-                found = simulate(of, case.solution.torques)
-                lapse = time_lapse(of, found, simulated_words(of, found))
-        if squeeze and (of := _scene_for(case, "--squeeze")):
-            window = _window(of, case.solution)
+                found = simulate(option_scene, case.solution.torques)
+                lapse = time_lapse(option_scene, found, simulated_words(option_scene, found))
+        if squeeze and (option_scene := _scene_for_option(case, "--squeeze")):
+            window = _squeeze_window(option_scene, case.solution)
         is_unknown = case.scene is not None and case.scene.uncertainty is not None
         wants_tolerances = tolerances or (is_unknown and case.solution.found)
-        if wants_tolerances and (of := _scene_for(case, "--tolerances")):
-            found = tolerances_under(of, case.solution, attainable=tolerances)
+        if wants_tolerances and (option_scene := _scene_for_option(case, "--tolerances")):
+            found = tolerances_under(option_scene, case.solution, attainable=tolerances)
             case = case_with_tolerances(case, found)
-        bounds, rest_bounds = _ranges(case, ranges_time) if ranges else (None, None)
+        bounds, rest_bounds = _force_ranges(case, ranges_time) if ranges else (None, None)
         with waiting_for("drawing"):
             page = report_html(case, bounds, lapse, rest_bounds, window)
         write_text(page, output, kind="report")
         if str(output) != "-":
             typer.echo(f"wrote {output} ({len(page.encode()) / 1e6:.1f} MB)")
-        refused = source.suffix.lower() == ".json" and not case.verification.passed
-        if refused:
+        is_refused = source.suffix.lower() == ".json" and not case.verification.passed
+        if is_refused:
             echo_error(f"{source}: is refused; graspless-pin verify {source} says why")
-    raise typer.Exit(ExitCode.DOUBTFUL if refused else exit_code(case.solution))
+    raise typer.Exit(ExitCode.DOUBTFUL if is_refused else exit_code(case.solution))
 
 
-def _window(scene: Scene, solution: TorqueSolution) -> SqueezeWindow | None:
-    """Return how hard the hand may squeeze; None where it squeezes nothing: a note says why."""
+def _squeeze_window(scene: Scene, solution: TorqueSolution) -> SqueezeWindow | None:
+    """Return the squeeze window; None, with a note, where the hand does not squeeze the object."""
     try:
         with waiting_for("trying how hard the hand may squeeze"):
             return squeeze_window(scene, solution.torques)
@@ -173,10 +173,10 @@ def _window(scene: Scene, solution: TorqueSolution) -> SqueezeWindow | None:
     return None
 
 
-def _ranges(
+def _force_ranges(
     case: Case, seconds: float
 ) -> tuple[ContactForceBounds | None, ContactForceBounds | None]:
-    """Return the force ranges under the rule, and over all outcomes of rest; None: not asked."""
+    """Return the force bounds (32) under the rule, and under Coulomb friction; None: not asked."""
     solution = case.solution
     if not solution.found:
         return None, None
@@ -188,7 +188,7 @@ def _ranges(
             problem, torques, time_limit=seconds, **solution.rules.options()
         )
         if problem.is_sliding.any() or not problem.cone_model.is_coulomb:
-            return bounds, None  # kinetic friction has no cone, nor other laws a round one
+            return bounds, None  # a sliding contact has no cone, and only Coulomb's law a round one
         return bounds, contact_force_bounds(
             problem.with_changes(cone="round"),
             torques,
@@ -197,13 +197,15 @@ def _ranges(
         )
 
 
-def _documented_case(source: Path, scene_file: Path | None, of_scenes: Mapping[str, Any]) -> Case:
+def _case_from_document(
+    source: Path, scene_file: Path | None, scene_only: Mapping[str, Any]
+) -> Case:
     """Return the case of a document.
 
     Raises:
-        ArgumentError: If an option is given that asks something of a scene.
+        ArgumentError: If an option is given that needs a scene.
     """
-    for name, value in of_scenes.items():
+    for name, value in scene_only.items():
         if value is not None:
             option = f"--{name.replace('_', '-')}"
             raise ArgumentError(option, "goes with a scene alone: a document has its own")
@@ -215,20 +217,20 @@ def _documented_case(source: Path, scene_file: Path | None, of_scenes: Mapping[s
         raise SceneError(f"{source}: {error}") from error
 
 
-def _solved_case(source: Path, controller: str | None, **asked: Any) -> Case:
-    """Return the case of a scene, solved and with its verdict, if it is asked for."""
+def _case_from_scene(source: Path, controller: str | None, **options: Any) -> Case:
+    """Solve a scene and return its case, with the verdict unless that is switched off."""
     scene = with_controller(loaded_scene(source), controller)
-    solution, answer, verdict, note = judged_solution(scene, **asked)
+    solution, answer, verdict, note = judged_solution(scene, **options)
     if note and verdict is None:
         echo_note(note)
     return case_of_scene(scene, solution, source, verdict, answer)
 
 
-def _scene_for(case: Case, option: str) -> Scene | None:
-    """Return the scene for what an option asks; None without torques: it is left out, with a note.
+def _scene_for_option(case: Case, option: str) -> Scene | None:
+    """Return the scene that an option needs; None, with a note, where there are no torques.
 
     Raises:
-        ArgumentError: If the scene is not at hand.
+        ArgumentError: If the case has no scene.
     """
     if not case.solution.found:
         echo_note(f"{option} is left out: there are no torques")

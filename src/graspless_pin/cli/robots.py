@@ -31,7 +31,7 @@ def robots_text(robots: Sequence[RobotRecord]) -> str:
         joints = f"{len(robot.joints)}" + (f", {coupled} coupled" if coupled else "")
         efforts = [joint.effort for joint in driven if joint.effort and not joint.is_held]
         efforts += robot.tendons.values()
-        rows.append([robot.name, ", ".join(robot.fingers), joints, _limits(efforts)])
+        rows.append([robot.name, ", ".join(robot.fingers), joints, _effort_range_text(efforts)])
     headers = ["robot", "fingers", "joints", "limits [N m, N]"]
     widths = [None, _FINGERS, None, 21]
     return tabulate(rows, headers, maxcolwidths=widths, break_long_words=False)
@@ -64,25 +64,25 @@ def robot_text(robot: RobotRecord) -> str:
     table = tabulate(rows, ["joint", "kind", "position [rad, m]", "effort [N m, N]", ""])
     return (
         f"{robot.name}, {robot.origin}\nfingers:\n{fingers or '  none found'}\n\n{table}\n\n"
-        "where the limits come from:\n" + "\n".join(sources) + _controller(robot)
+        "where the limits come from:\n" + "\n".join(sources) + _controller_text(robot)
     )
 
 
-def _controller(robot: RobotRecord) -> str:
-    """Return the gains that a robot file states; empty: it states none."""
+def _controller_text(robot: RobotRecord) -> str:
+    """Return the controller gains that a robot file states, as text; empty without any."""
     lines = []
     gains = ("stiffness", robot.stiffness, "N m/rad"), ("damping", robot.damping, "N m s/rad")
-    for name, given, unit in gains:
-        if isinstance(given, Mapping):
-            listed = ", ".join(f"{joint} {gain:g}" for joint, gain in given.items())
+    for name, value, unit in gains:
+        if isinstance(value, Mapping):
+            listed = ", ".join(f"{joint} {gain:g}" for joint, gain in value.items())
             lines.append(f"\n  {name} {listed} {unit}")
-        elif given is not None:
-            lines.append(f"\n  {name} {given:g} {unit}")
+        elif value is not None:
+            lines.append(f"\n  {name} {value:g} {unit}")
     return f"\n\ncontroller:{''.join(lines)}" if lines else ""
 
 
 def audit_text(report: AuditReport) -> str:
-    """Return what an audit found and what to do about it."""
+    """Return the findings of an audit as text, each with its advice."""
     loads = "can be mounted as it is" if report.loads else "cannot be mounted as it is"
     if report.loads and report.findings:
         loads = "can be mounted, but see below"
@@ -90,7 +90,7 @@ def audit_text(report: AuditReport) -> str:
         loads = "loads, but something serious is wrong"
     weightless = " without mass (neither verdicts nor simulations)" if not report.mass else ""
     lines = [f"{report.name} ({report.urdf_path}): {loads}"]
-    if report.links:  # none of a file that cannot be read
+    if report.links:  # empty for a file that cannot be read
         lines.append(
             f"{len(report.links)} links{weightless}, {len(report.joints)} movable joints; palm: "
             f"{', '.join(report.palms) or 'none found'}"
@@ -104,8 +104,8 @@ def audit_text(report: AuditReport) -> str:
     return "\n".join(lines)
 
 
-def _limits(efforts: Sequence[EffortRecord]) -> str:
-    """Return the range of the limits and how many of them are unknown."""
+def _effort_range_text(efforts: Sequence[EffortRecord]) -> str:
+    """Return the range of |effort limits| as text, and how many of them are unknown."""
     if not efforts:
         return "-"
     largest = sorted({max(abs(effort.lower), abs(effort.upper)) for effort in efforts})
@@ -127,10 +127,10 @@ def robots(
         if name is None:
             typer.echo(robots_text(list_robots()))
         else:
-            (found,) = list_robots([name])
-            if found.problem is not None:
-                raise RobotError(found.problem)
-            typer.echo(robot_text(found))
+            (robot,) = list_robots([name])
+            if robot.problem is not None:
+                raise RobotError(robot.problem)
+            typer.echo(robot_text(robot))
 
 
 def inspect(
@@ -153,5 +153,5 @@ def inspect(
     with plain_errors():
         report = audit_urdf(urdf, package_dir or [], root_link)
         typer.echo(audit_text(report))
-    found = ExitCode.DOUBTFUL if is_serious(report.findings) else ExitCode.FOUND
-    raise typer.Exit(found if report.loads else ExitCode.INFEASIBLE)
+    exit_code = ExitCode.DOUBTFUL if is_serious(report.findings) else ExitCode.FOUND
+    raise typer.Exit(exit_code if report.loads else ExitCode.INFEASIBLE)

@@ -24,7 +24,7 @@ from graspless_pin.scene.scene_stability import known_of_scene, unknown_of
 from graspless_pin.solution import TorqueSolution
 from graspless_pin.tree_search import Limits
 
-_TOUCHING_GAP = 1e-9  # m; what is no farther apart touches
+_TOUCHING_GAP = 1e-9  # m; smaller gaps count as touching
 _RANGES_TIME = 10.0  # s; by then most free rays are found
 
 
@@ -53,8 +53,8 @@ def robustness_scene(
     """
     with plain_errors():
         loaded, solution = solved_scene(scene, algorithm, controller, **figures)
-        if why := unknown_of(loaded):
-            typer.echo(why)
+        if reason := unknown_of(loaded):
+            typer.echo(reason)
             raise typer.Exit(ExitCode.INFEASIBLE)
         if solution.problem.is_sliding.any():
             raise SceneError(
@@ -63,30 +63,34 @@ def robustness_scene(
             )
         with waiting_for("trying errors of torques, and rest without each contact"):
             limits = Limits.from_now(nodes, time_limit)
-            found = robustness(
+            result = robustness(
                 solution.problem, solution.torques, node_limit=nodes, time_limit=limits.seconds_left
             )
-        found = replace(found, verdict=known_of_scene(loaded, found.verdict))
-        strong = found.verdict.status is Stability.STRONG
-        typer.echo(str(found))
-        for line in _gaps(loaded, found) if strong else _changes(loaded, solution, nodes, limits):
+        result = replace(result, verdict=known_of_scene(loaded, result.verdict))
+        is_strong = result.verdict.status is Stability.STRONG
+        typer.echo(str(result))
+        for line in (
+            _gap_lines(loaded, result)
+            if is_strong
+            else _remedy_lines(loaded, solution, nodes, limits)
+        ):
             typer.echo(line)
-    raise typer.Exit(ExitCode.FOUND if strong else ExitCode.INFEASIBLE)
+    raise typer.Exit(ExitCode.FOUND if is_strong else ExitCode.INFEASIBLE)
 
 
-def _gaps(scene: Scene, found: Robustness) -> list[str]:
-    """Return the contacts that are relied on though they do not quite touch, widest gap first."""
+def _gap_lines(scene: Scene, result: Robustness) -> list[str]:
+    """Return a line for each contact that rest relies on across a gap, widest gap first."""
     points = scene.contacts.points
-    apart = [contact for contact in found.relies_on if points[contact].distance > _TOUCHING_GAP]
+    gapped = [contact for contact in result.relies_on if points[contact].distance > _TOUCHING_GAP]
     return [
         f"contact {contact} ({points[contact].body}) has to close its gap of "
         f"{1e3 * points[contact].distance:.3g} mm"
-        for contact in sorted(apart, key=lambda contact: -points[contact].distance)
+        for contact in sorted(gapped, key=lambda contact: -points[contact].distance)
     ]
 
 
-def _changes(scene: Scene, solution: TorqueSolution, nodes: int, limits: Limits) -> list[str]:
-    """Return who may squeeze the object, and what would make it hold."""
+def _remedy_lines(scene: Scene, solution: TorqueSolution, nodes: int, limits: Limits) -> list[str]:
+    """Return lines on which bodies may squeeze the object, and on changes that make it hold."""
     problem = solution.problem
     with waiting_for("trying what would make it hold"):
         bounds = contact_force_bounds(
@@ -97,8 +101,8 @@ def _changes(scene: Scene, solution: TorqueSolution, nodes: int, limits: Limits)
             if limits.seconds_left is None
             else min(_RANGES_TIME, limits.seconds_left),
         )
-        found = what_would_hold(
+        remedies = what_would_hold(
             problem, solution.torques, node_limit=nodes, time_limit=limits.seconds_left
         )
-    squeezed = bounds.squeeze_words(scene.contacts.bodies)
-    return [*filter(None, [squeezed]), str(found)]
+    squeeze_text = bounds.squeeze_words(scene.contacts.bodies)
+    return [*filter(None, [squeeze_text]), str(remedies)]

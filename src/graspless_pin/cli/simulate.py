@@ -98,7 +98,7 @@ def simulate_scene(
         checked_figures(friction_factor, seconds)
         loaded, solution = solved_scene(scene, algorithm, controller, stability=required, **figures)
         with waiting_for("simulating"):
-            found = simulate(
+            outcome = simulate(
                 loaded,
                 solution.torques,
                 push=force,
@@ -107,32 +107,32 @@ def simulate_scene(
                 protocol=protocol,
             )
         if export is not None:
-            write_text(MODEL_MARK + found.model.xml, export, kind="model")
-        text = f"{simulated_words(loaded, found)}\n\nverdict: {_verdict(loaded, found)}"
+            write_text(MODEL_MARK + outcome.model.xml, export, kind="model")
+        text = f"{simulated_words(loaded, outcome)}\n\nverdict: {_torque_verdict(loaded, outcome)}"
         if str(export) != "-":
             typer.echo(text)
         if save is not None and as_page:
-            write_text(time_lapse_html(time_lapse(loaded, found, text)), save, kind="page")
+            write_text(time_lapse_html(time_lapse(loaded, outcome, text)), save, kind="page")
         elif save is not None:
-            write_video(found, save)
+            write_video(outcome, save)
     raise typer.Exit(
-        ExitCode.FOUND if found.outcome is SimulatedOutcome.HELD else ExitCode.INFEASIBLE
+        ExitCode.FOUND if outcome.outcome is SimulatedOutcome.HELD else ExitCode.INFEASIBLE
     )
 
 
-def simulated_words(scene: Scene, found: Simulation) -> str:
-    """Return the outcome beside the forces that are proven for the same torques and controller."""
+def simulated_words(scene: Scene, simulation: Simulation) -> str:
+    """Return the simulated outcome as text, beside the contact force bounds of the same torques."""
     bounds = contact_force_bounds(
-        rest_problem(scene, found.problem, found.torques),
-        found.torques,
+        rest_problem(scene, simulation.problem, simulation.torques),
+        simulation.torques,
         static_friction=StaticFriction.COULOMB,
         time_limit=_RANGES_TIME,
     )
-    return simulation_text(found, scene.contacts.bodies, bounds)
+    return simulation_text(simulation, scene.contacts.bodies, bounds)
 
 
-def _verdict(scene: Scene, found: Simulation) -> StabilityVerdict:
-    # The scene knows where the hand touches a support, and how contacts roll; not of the push.
-    if hand_support_contacts(scene) or same_problem(scene.problem(), found.problem):
-        return scene.stability(found.torques)
-    return stability(found.problem, found.torques)
+def _torque_verdict(scene: Scene, simulation: Simulation) -> StabilityVerdict:
+    # The scene has hand-support contacts and rolling contacts, but not the push of the simulation.
+    if hand_support_contacts(scene) or same_problem(scene.problem(), simulation.problem):
+        return scene.stability(simulation.torques)
+    return stability(simulation.problem, simulation.torques)

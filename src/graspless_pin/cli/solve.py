@@ -44,8 +44,8 @@ if TYPE_CHECKING:
     from graspless_pin.scene.robust_answer import RobustAnswer
 
 _RANGE_NODES = 100
-"""Nodes of each search for the margin at worst, on a slow machine, too."""
-_RANGES_TIME = 20.0  # s; for many contacts, in scenes that are harder than all examples
+"""Node limit of each search for the margin at worst."""
+_RANGES_TIME = 20.0  # s; reached only in scenes with many contacts
 
 _FIGURES: dict[str, tuple[Any, str]] = {
     "margin": (float, "Required margin e0 of Algorithm 2, N."),
@@ -55,37 +55,41 @@ _FIGURES: dict[str, tuple[Any, str]] = {
     ),
     "regularization": (float, "Epsilon of the regularised program."),
 }
-"""Type and help of the figures of Algorithms 1 and 2; those of others have theirs with them."""
+"""Type and help of the figures of Algorithms 1 and 2; other objectives annotate their own."""
 
 _DEPENDED_ON = "stability", "sign_rule"
-"""Options that may make others idle; the scene may state them."""
+"""Options that decide whether others have an effect; the scene may state them."""
 
 _Command = TypeVar("_Command", bound=Callable[..., None])
 
 
 def asking_by_name(command: _Command) -> _Command:
-    """Give a command's option ``algorithm`` its choices, and its ``**figures``, if any, options.
+    """Add the objectives' names as choices of ``algorithm``, and an option for each figure.
 
     Args:
-        command: Its ``**figures`` have what it has no argument of its own for, None if not given.
+        command: Gets the figures that are no arguments of its own in ``**figures``; None: not
+            given.
     """
     signature = inspect.signature(command, eval_str=True)
     options: list[inspect.Parameter] = []
-    for one in signature.parameters.values():
-        if one.kind is inspect.Parameter.VAR_KEYWORD:
+    for param in signature.parameters.values():
+        if param.kind is inspect.Parameter.VAR_KEYWORD:
             continue
-        options.append(one)
-        if one.name == "algorithm":
+        options.append(param)
+        if param.name == "algorithm":
             names: Any = Literal[*OBJECTIVES]
-            asked = Annotated[names | None, one.annotation.__metadata__[0]]
-            options[-1:] = [one.replace(annotation=asked), *_figures(signature.parameters)]
-    called: Any = command
-    called.__signature__ = signature.replace(parameters=options)
+            choices = Annotated[names | None, param.annotation.__metadata__[0]]
+            options[-1:] = [
+                param.replace(annotation=choices),
+                *_figure_options(signature.parameters),
+            ]
+    function: Any = command
+    function.__signature__ = signature.replace(parameters=options)
     return command
 
 
-def _figures(known: Container[str]) -> Iterator[inspect.Parameter]:
-    """Yield an option for each other figure; what is no single value stands in scenes alone."""
+def _figure_options(taken_names: Container[str]) -> Iterator[inspect.Parameter]:
+    """Yield an option for each figure that is a single value and not among the taken names."""
     figures = dict(_FIGURES)
     for key, annotated in figure_types().items():
         kind, *metadata = get_args(annotated) if get_origin(annotated) is Annotated else [annotated]
@@ -93,10 +97,12 @@ def _figures(known: Container[str]) -> Iterator[inspect.Parameter]:
             isinstance(kind, type) and issubclass(kind, int | float | str)
         )
         if plain:
-            descriptions = [one.description for one in metadata if getattr(one, "description", "")]
+            descriptions = [
+                item.description for item in metadata if getattr(item, "description", "")
+            ]
             figures.setdefault(key, (kind, "".join(descriptions[-1:])))
     for key, (kind, description) in figures.items():
-        if key not in known:
+        if key not in taken_names:
             yield inspect.Parameter(
                 key,
                 inspect.Parameter.POSITIONAL_OR_KEYWORD,
@@ -177,7 +183,7 @@ def solve_scene(
             "stability": stability,
             **figures,
         }
-        _refuse_idle(loaded, given, verdict_nodes, controller, no_verdict=no_verdict)
+        _refuse_idle_options(loaded, given, verdict_nodes, controller, no_verdict=no_verdict)
         if json_file is not None:
             options = {name: value for name, value in given.items() if value is not None}
             loaded.asked(algorithm, **options)[1].rules.need_signs("a document")
@@ -199,7 +205,7 @@ def solve_scene(
     raise typer.Exit(exit_code(solution))
 
 
-def _refuse_idle(
+def _refuse_idle_options(
     scene: Scene,
     given: Mapping[str, Any],
     verdict_nodes: int | None,
@@ -207,13 +213,13 @@ def _refuse_idle(
     *,
     no_verdict: bool,
 ) -> None:
-    """Refuse options of the command line that change nothing beside the others.
+    """Refuse command-line options that have no effect in combination with the others.
 
     Raises:
-        ArgumentError: Naming the first, and what makes it idle.
+        ArgumentError: Naming the first of them, and the option that makes it idle.
     """
-    asked = {name: given[name] or scene.solve_options.get(name) for name in _DEPENDED_ON}
-    is_strong = asked["stability"] == RequiredStability.STRONG
+    requested = {name: given[name] or scene.solve_options.get(name) for name in _DEPENDED_ON}
+    is_strong = requested["stability"] == RequiredStability.STRONG
     is_coulomb = given["static_friction"] == StaticFriction.COULOMB
     idle = [
         ("--verdict-nodes", verdict_nodes is not None and no_verdict and not is_strong,
@@ -222,7 +228,7 @@ def _refuse_idle(
          controller is not None and no_verdict and not is_strong and scene.uncertainty is None,
          "--no-verdict; leave one out"),
         ("--direction-gap",
-         given["direction_gap"] is not None and asked["sign_rule"] != SignRule.DIRECTION,
+         given["direction_gap"] is not None and requested["sign_rule"] != SignRule.DIRECTION,
          "this sign rule; ask for --sign-rule direction, or leave it out"),
         ("--search", given["search"] == Search.ENUMERATE and is_coulomb,
          "--static-friction coulomb, which leaves one mode; leave one out"),
@@ -235,7 +241,7 @@ def _refuse_idle(
 def solution_and_answer(
     scene: Scene, algorithm: str | None = None, **options: Any
 ) -> tuple[TorqueSolution, RobustAnswer | None]:
-    """Return the solution of a scene, and what was found for all that it says is not known.
+    """Return the solution of a scene, and the robust answer if the scene has an uncertainty.
 
     Args:
         scene: The scene.
@@ -243,14 +249,14 @@ def solution_and_answer(
         options: See `Scene.solve`; None: not given.
 
     Returns:
-        The solution, and None of a nominal scene. Else that under the torques for
-        all that is not known; where there are none, that of the joined problem, without torques.
+        The solution, and None for a scene without uncertainty. Else the solution under the robust
+        torques; where there are none, that of the joined problem, without torques.
     """
     options = {name: value for name, value in options.items() if value is not None}
     with waiting_for("solving"):
         if scene.uncertainty is None:
             return scene.solve(algorithm, **options), None
-        # Loaded here: what is known exactly goes without.
+        # Imported here: scenes without uncertainty do not need it.
         from graspless_pin.scene.robust_answer import robust_answer
 
         try:
@@ -265,7 +271,7 @@ def solution_and_answer(
 def solved_scene(
     path: Path, algorithm: str | None = None, controller: str | None = None, **options: Any
 ) -> tuple[Scene, TorqueSolution]:
-    """Load a scene and solve it, with all findings; a command that needs torques ends without.
+    """Load a scene, solve it and show all findings; end the command if there are no torques.
 
     Args:
         path: The scene file.
@@ -297,17 +303,17 @@ def judged_solution(
     no_verdict: bool,
     **options: Any,
 ) -> tuple[TorqueSolution, RobustAnswer | None, StabilityVerdict | None, str]:
-    """Solve a scene, judge the answer as far as it is proven, and show all findings.
+    """Solve a scene, check the proof, ask for the verdict, and show all findings.
 
     Args:
         scene: The scene.
         algorithm: See `Scene.solve`.
-        verdict_nodes: Sets of outcomes that each verdict may look at; None: the default.
-        no_verdict: Whether to leave out verdicts, and the check of the proof.
+        verdict_nodes: Node limit (sets of outcomes) of each verdict; None: the default.
+        no_verdict: Whether to skip verdicts and the check of the proof.
         options: See `solution_and_answer`.
 
     Returns:
-        What `solution_and_answer` returns, the verdict, if there is one, and what is said of it.
+        Solution and answer of `solution_and_answer`, the verdict or None, and a note on it.
     """
     solution, answer = solution_and_answer(scene, algorithm, verdict_nodes=verdict_nodes, **options)
     verdict, note = None, ""
@@ -316,7 +322,7 @@ def judged_solution(
 
         answer = proven_answer(answer)
         solution = answer.solution.of_source(scene)
-        # Where there are any to be had.
+        # Not every scene has verdicts.
         with waiting_for("looking for verdicts at the corners"), suppress(ArgumentError):
             answer = with_corner_verdicts(scene, answer, verdict_nodes)
     if not no_verdict and (answer is None or answer.found):
@@ -327,17 +333,17 @@ def judged_solution(
 
 
 def proven_answer(answer: RobustAnswer) -> RobustAnswer:
-    """Return an answer as far as the document of its joined problem proves it."""
+    """Return a robust answer whose status is what the document of its joined problem proves."""
     from graspless_pin.report.document import accepted
 
     with waiting_for("checking the proof for all members"):
-        # Without torques it has its explanation, which would take long to be worked out.
+        # Without torques take the solution with its explanation, which is slow to compute anew.
         solution, _ = accepted(answer.robust.solution if answer.found else answer.solution)
     return replace(answer, robust=replace(answer.robust, solution=solution))
 
 
 def _force_bounds(scene: Scene, solution: TorqueSolution) -> ContactForceBounds | None:
-    """Return the forces that the torques can end up with, where they are had quickly."""
+    """Return the contact force bounds (32) under the torques, within limits of nodes and time."""
     if solution.rules.sign is SignRule.DIRECTION:
         return None
     with waiting_for("looking for the margin at worst"):
@@ -353,25 +359,25 @@ def _force_bounds(scene: Scene, solution: TorqueSolution) -> ContactForceBounds 
 def proven_and_verdict(
     scene: Scene, solution: TorqueSolution, nodes: int | None = None
 ) -> tuple[TorqueSolution, StabilityVerdict | None, str]:
-    """Return a solution as far as it is proven, whether the object stays, and what is said of it.
+    """Return a solution with its proven status, the stability verdict, and a note on it.
 
     Args:
         scene: The scene.
-        solution: As the search left it.
-        nodes: Sets of outcomes that the verdict may look at; None: `BRIEF_NODE_LIMIT`. There may
-            be no verdict to be had.
+        solution: The solution of the search.
+        nodes: Node limit (sets of outcomes) of the verdict; None: `BRIEF_NODE_LIMIT`. The verdict
+            is None where there can be none.
     """
     from graspless_pin.report.document import accepted
 
     limit = BRIEF_NODE_LIMIT if nodes is None else nodes
-    verdict, missing = None, ""
+    verdict, reason = None, ""
     if solution.found:
         try:
             with waiting_for("looking for a verdict"):
                 verdict = solution_verdict(scene, solution, node_limit=limit)
         except ArgumentError as error:
-            missing = f"no verdict: {error}"
+            reason = f"no verdict: {error}"
     with waiting_for("checking the proof"):
         solution, verdict = accepted(solution, scene, verdict)
-    note = missing if verdict is None else verdict.full_message("--verdict-nodes {}")
+    note = reason if verdict is None else verdict.full_message("--verdict-nodes {}")
     return solution, verdict, note if solution.found else ""

@@ -59,17 +59,20 @@ def tolerances_of_scene(
     with plain_errors():
         check_output("--json", json_file, OutputKind.TOLERANCES, overwrite=overwrite)
         loaded, solution = solved_scene(scene, algorithm, controller, **figures)
-        off = tolerances_under(loaded, solution, attainable=attainable)
+        result = tolerances_under(loaded, solution, attainable=attainable)
         if json_file is not None:
             from graspless_pin.report import write_document
             from graspless_pin.report.robust import tolerances_data
 
-            data = {"torques": dict(solution.torques_by_joint), "tolerances": tolerances_data(off)}
+            data = {
+                "torques": dict(solution.torques_by_joint),
+                "tolerances": tolerances_data(result),
+            }
             write_document(data, json_file)
         if json_file == "-":
             raise typer.Exit(ExitCode.FOUND)
-        typer.echo(str(off))
-        if off.feedback is None or not off.feedback.any():
+        typer.echo(str(result))
+        if result.feedback is None or not result.feedback.any():
             typer.echo(
                 "Torques are constant: under --controller K joint stiffness adds to them, where a "
                 "motion that no contact resists bears nothing."
@@ -89,8 +92,8 @@ def tolerances_under(
     Args:
         scene: The scene.
         solution: Its solution.
-        quantities: Which to tell of.
-        attainable: Whether to tell, too, how far each may be off if torques are chosen for it.
+        quantities: Which quantities.
+        attainable: Whether to compute, too, how far each may be off if torques are chosen for it.
     """
     with waiting_for("looking how far each may be off"):
         return scene.tolerances(

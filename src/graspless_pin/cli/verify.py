@@ -36,7 +36,7 @@ def verify(
                 checked = verify_document(document)
             except (ValueError, ArithmeticError) as error:
                 raise SceneError(f"{file}: {error}") from error
-        typer.echo(str(checked) if len(files) == 1 else _briefly(file, checked))
+        typer.echo(str(checked) if len(files) == 1 else _short_report(file, checked))
         if not checked.passed:
             outcomes.add(ExitCode.INFEASIBLE)
         elif not checked.proven:
@@ -44,7 +44,9 @@ def verify(
     raise typer.Exit(ExitCode.INFEASIBLE if ExitCode.INFEASIBLE in outcomes else max(outcomes))
 
 
-def _briefly(file: Path, checked: Verification) -> str:
-    """Return one line of a file, and those of its checks that do not hold."""
+def _short_report(file: Path, checked: Verification) -> str:
+    """Return a line with the result for a file, and a line for each check that fails."""
     verdict = "proven" if checked.proven else "not all proven" if checked.passed else "FAILED"
-    return "\n".join([f"{file}: {verdict}", *(str(c) for c in checked.checks if not c.passed)])
+    return "\n".join(
+        [f"{file}: {verdict}", *(str(check) for check in checked.checks if not check.passed)]
+    )
