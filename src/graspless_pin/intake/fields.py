@@ -1,4 +1,4 @@
-"""Types of what files hold, with bounds: numbers, names, lists."""
+"""Types of the values in files, with bounds: numbers, names, lists."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _Item = TypeVar("_Item")
 
 
 def no_truth_value(value: Any) -> Any:
-    """Refuse true and false as numbers: pydantic would read them as 1 and 0."""
+    """Refuse true and false where a number is wanted: pydantic reads them as 1 and 0."""
     if isinstance(value, bool):
         raise PydanticCustomError("number_type", "Input should be a number")
     return value
@@ -36,20 +36,20 @@ Finite = Annotated[
 ]
 """A length, angle, velocity or factor."""
 METRES = "m"
-"""Marks a type, among what is annotated, as that of lengths."""
+"""Annotation that marks a type as a length."""
 Length = Annotated[
     float,
     Field(gt=0.0, ge=SMALLEST_LENGTH, le=LARGEST_LENGTH, allow_inf_nan=False),
     _NUMBER,
     METRES,
 ]
-"""A size that is not zero."""
+"""A positive length, m."""
 Positive = Annotated[float, Field(gt=0.0, ge=SMALLEST, le=LARGEST, allow_inf_nan=False), _NUMBER]
-"""A mass, density or force that is not zero."""
+"""A positive mass, density or force."""
 NotNegative = Annotated[float, Field(ge=0.0, le=LARGEST, allow_inf_nan=False), _NUMBER]
-"""A force or torque."""
+"""A force or torque of at least zero."""
 Share = Annotated[float, Field(ge=0.0, lt=1.0, allow_inf_nan=False), _NUMBER]
-"""By which something may be off."""
+"""A relative deviation in [0, 1)."""
 Signed = Annotated[float, Field(ge=-LARGEST, le=LARGEST, allow_inf_nan=False), _NUMBER]
 """A force or torque of either sign."""
 Friction = Annotated[float, Field(ge=0.0, le=LARGEST_FRICTION, allow_inf_nan=False), _NUMBER]
@@ -70,7 +70,7 @@ ByName = Annotated[dict[Name, _Item], Field(max_length=1000)]
 
 
 def listed(value: Any) -> Any:
-    """Let one name stand for a list of one."""
+    """Turn a single name into a list of one."""
     return [value] if isinstance(value, str) else value
 
 

@@ -1,4 +1,4 @@
-"""Read a file within bounds: a regular file of at most so many bytes, of the kind asked for."""
+"""Read a file within bounds: a regular file, of limited size and of the expected kind."""
 
 from __future__ import annotations
 
@@ -54,14 +54,14 @@ _LOOKED_AT = 65536  # bytes
 
 
 def kind_of_file(path: Path, content: bytes) -> str | None:
-    """Return what a file is by its first bytes and its suffix; None: any text, YAML perhaps."""
+    """Return the kind of a file by its first bytes and suffix; None: other text, such as YAML."""
     head = content[:_LOOKED_AT].lstrip(b"\xef\xbb\xbf \t\r\n")
-    for begin, kind in _BEGINNINGS:
-        if head.startswith(begin):
+    for start, kind in _BEGINNINGS:
+        if head.startswith(start):
             return kind
     if head.startswith(b"<"):
         root = re.search(rb"<([A-Za-z][\w.-]*)", re.sub(rb"(?s)<[?!].*?>", b"", head[:4096]))
-        if path.suffix == ".xacro":  # URDFs that were made of one keep its marks
+        if path.suffix == ".xacro":  # not by namespace: URDFs that xacro wrote keep it
             return "xacro file"
         return _ROOTS.get(root[1].decode() if root else "", "XML file")
     if head.startswith(b"{") and (b'"nbformat"' in content or b'"certificate"' in content):
@@ -74,7 +74,7 @@ def kind_of_file(path: Path, content: bytes) -> str | None:
 
 
 def kind_of_data(data: Any) -> str | None:
-    """Return what the content of a YAML or JSON file is, by its keys."""
+    """Return the kind of a YAML or JSON file by its top-level keys; None: unknown."""
     if not isinstance(data, dict):
         return None
     keys = data.keys()
@@ -90,11 +90,11 @@ def kind_of_data(data: Any) -> str | None:
 
 
 def encoding_in_words(content: bytes, start: int) -> str:
-    """Return in which encoding text probably is that is not UTF-8.
+    """Return, for messages, the probable encoding of a text that is not UTF-8.
 
     Args:
         content: The file.
-        start: The first byte that is none of UTF-8.
+        start: Index of the first byte that is invalid in UTF-8.
     """
     mark = _MARKS.get(content[:2])
     if mark is not None:
@@ -106,7 +106,7 @@ def encoding_in_words(content: bytes, start: int) -> str:
     return f"line {line} is in a Windows encoding ({letter!r} as one byte): save it as UTF-8"
 
 
-def _a(kind: str) -> str:
+def _with_article(kind: str) -> str:
     return f"{'an' if kind.startswith(_VOWELS) else 'a'} {kind}"
 
 
@@ -123,11 +123,11 @@ _SPECIAL = (
 
 
 FileIdentity = tuple[int, int]
-"""Device and number of a file, whatever its path is."""
+"""Device and inode of a file, which do not depend on its path."""
 
 
 def identity_of(state: os.stat_result) -> FileIdentity:
-    """Return which file it is that `os.stat` tells of."""
+    """Return the identity of a file from its `os.stat` result."""
     return state.st_dev, state.st_ino
 
 
@@ -136,7 +136,7 @@ _READ: ContextVar[dict[FileIdentity, Path] | None] = ContextVar("read", default=
 
 @contextmanager
 def files_read() -> Iterator[dict[FileIdentity, Path]]:
-    """Collect which files are read within the block by `read_bytes` and what calls it."""
+    """Collect the files that `read_bytes` and its callers read within the block."""
     outer, read = _READ.get(), dict[FileIdentity, Path]()
     token = _READ.set(read)
     try:
@@ -148,20 +148,20 @@ def files_read() -> Iterator[dict[FileIdentity, Path]]:
 
 
 def note_read(path: Path, state: os.stat_result) -> None:
-    """Have `files_read` know of a file that is read, or was and is the same."""
+    """Report to `files_read` a file that is read now, or was read before and has not changed."""
     if (read := _READ.get()) is not None:
         read[identity_of(state)] = path
 
 
 @dataclass(frozen=True)
 class FileKind:
-    """A kind of file: what messages call it, how large it may be, what its errors are.
+    """A kind of file: its name in messages, largest size and error class.
 
     Attributes:
         name: For messages, such as ``scene``.
         mebibytes: The largest size that is read.
-        error: Makes the error of a message.
-        advice: Returns what to say of a text at a key that takes a number: of figures with units.
+        error: Makes the error from a message.
+        advice: Returns advice on a text at a key that takes a number, such as a figure with a unit.
     """
 
     name: str
@@ -173,31 +173,30 @@ class FileKind:
 def read_bytes(path: Path, kind: FileKind) -> bytes:
     """Return the content of a regular file.
 
-    Never waits for a pipe and never reads more than the kind's size, whatever the file says of
-    itself.
+    It never waits for a pipe, and never reads more than the kind's size whatever size is reported.
 
     Args:
         path: The file; a symbolic link is followed.
-        kind: What it is.
+        kind: The expected kind.
 
     Raises:
         GrasplessPinError: The kind's error, if the file is missing, unreadable, too large or no
             regular file.
     """
-    most = kind.mebibytes * _MIB
+    size_limit = kind.mebibytes * _MIB
     try:
         _check_regular(path, path.stat().st_mode, kind)
-        # A pipe may have taken the file's place by now; without O_NONBLOCK it would be waited for.
+        # A pipe may have replaced the file since; opening it without O_NONBLOCK would block.
         handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0))
         with os.fdopen(handle, "rb") as file:
             state = os.fstat(handle)
             _check_regular(path, state.st_mode, kind)
-            content = file.read(most + 1)
+            content = file.read(size_limit + 1)
             note_read(path, state)
     except GrasplessPinError:
         raise
     except FileNotFoundError:
-        names = _names_in(path.parent)
+        names = _names_in_folder(path.parent)
         stem = nearest_name(path.stem, [Path(name).stem for name in names], alike=0.75)
         alike = [name for name in names if Path(name).stem == stem]
         nearest = nearest_name(path.name, alike, alike=0.0)  # such as x.yaml for x.yml, not x.stl
@@ -207,7 +206,7 @@ def read_bytes(path: Path, kind: FileKind) -> bytes:
         raise kind.error(f"{path}: cannot be read ({error.strerror})") from None
     except ValueError:
         raise kind.error(f"{str(path)!r}: is no path of a file") from None
-    if len(content) > most:
+    if len(content) > size_limit:
         raise kind.error(
             f"{path}: has more than {kind.mebibytes} MiB, the most that a {kind.name} may have"
         )
@@ -215,7 +214,7 @@ def read_bytes(path: Path, kind: FileKind) -> bytes:
 
 
 def read_text(path: Path, kind: FileKind) -> str:
-    """Return the content of a regular file of UTF-8 text; a byte-order mark is left out.
+    """Return the content of a regular file of UTF-8 text, without a byte-order mark.
 
     Raises:
         GrasplessPinError: See `read_bytes`; or the file is not UTF-8, or of another kind.
@@ -232,12 +231,12 @@ def read_text(path: Path, kind: FileKind) -> str:
 
 
 def refuse_other_kind(path: Path, kind: FileKind, found: str | None) -> None:
-    """Refuse a file that is something else, and say what to call.
+    """Refuse a file of another kind, with advice on how to use it.
 
     Args:
         path: The file.
-        kind: What it should be.
-        found: What it is, as far as is known: see `kind_of_file` and `kind_of_data`.
+        kind: The expected kind.
+        found: The actual kind, see `kind_of_file` and `kind_of_data`; None: unknown.
 
     Raises:
         GrasplessPinError: The kind's error.
@@ -246,12 +245,12 @@ def refuse_other_kind(path: Path, kind: FileKind, found: str | None) -> None:
         return
     advice = _WHAT_TO_DO.get(found, "give a file of {language}")
     hint = advice.format(path=path, language=_LANGUAGES.get(kind.name, "text"))
-    raise kind.error(f"{path}: is {_a(found)}, not {_a(kind.name)}; {hint}")
+    raise kind.error(f"{path}: is {_with_article(found)}, not {_with_article(kind.name)}; {hint}")
 
 
 @contextmanager
 def errors_of_text(path: Path, kind: FileKind) -> Iterator[None]:
-    """Have what is wrong with the text of a file name the file and the line.
+    """Convert a `TextError` in the block to an error that names file and line.
 
     Raises:
         GrasplessPinError: The kind's error, for a `TextError`.
@@ -264,25 +263,25 @@ def errors_of_text(path: Path, kind: FileKind) -> Iterator[None]:
 
 
 is_file = os.path.isfile
-"""Whether there is a regular file; a path that no file can have is none."""
+"""Whether a path is that of a regular file; False for paths that no file can have."""
 
 
 def _check_regular(path: Path, mode: int, kind: FileKind) -> None:
     if stat.S_ISREG(mode):
         return
-    what = next((word for test, word in _SPECIAL if test(mode)), "special file")
-    inside = _files_in(path) if stat.S_ISDIR(mode) else ""
-    raise kind.error(f"{path}: is a {what}; a {kind.name} is a regular file{inside}")
+    special_kind = next((name for test, name in _SPECIAL if test(mode)), "special file")
+    candidates = _candidate_files(path) if stat.S_ISDIR(mode) else ""
+    raise kind.error(f"{path}: is a {special_kind}; a {kind.name} is a regular file{candidates}")
 
 
-def _files_in(folder: Path) -> str:
-    """Return some files of a folder that may have been meant."""
-    names = sorted(name for name in _names_in(folder) if name.endswith(_TEXTS))[:4]
+def _candidate_files(folder: Path) -> str:
+    """Return, for messages, some files of a folder that may have been meant."""
+    names = sorted(name for name in _names_in_folder(folder) if name.endswith(_TEXTS))[:4]
     return f", such as {', '.join(names)} in it" if names else ""
 
 
-def _names_in(folder: Path) -> list[str]:
-    """Return some names in a folder; none where it cannot be read."""
+def _names_in_folder(folder: Path) -> list[str]:
+    """Return up to `_MOST_NAMES` names in a folder; none where it cannot be read."""
     with suppress(OSError):
         return [item.name for item in islice(os.scandir(folder), _MOST_NAMES)]
     return []

@@ -17,16 +17,17 @@ _UNPRINTABLE = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\ud800-\udfff]")
 
 
 def bad_character(text: str) -> str | None:
-    """Return the code of the first character that no text may have, such as ``U+D800``, or None.
+    """Return the code of the first refused character, such as ``U+D800``; None without any.
 
-    Terminals obey control characters, and no file takes half of a surrogate pair.
+    Refused are control characters, which terminals obey, and unpaired surrogates, which no file can
+    hold.
     """
     found = _UNPRINTABLE.search(text)
     return f"U+{ord(found[0]):04X}" if found else None
 
 
 def fault_of_name(name: str) -> str:
-    """Return what is wrong with a name that is too long, with its beginning; empty: nothing is."""
+    """Return the fault of a name that is too long, with its beginning; empty if it is valid."""
     if len(name) <= LONGEST_NAME:
         return ""
     return (
@@ -36,14 +37,14 @@ def fault_of_name(name: str) -> str:
 
 
 def printable(text: str) -> str:
-    """Return the text with all such characters written as their codes."""
+    """Return the text with each character that `bad_character` refuses replaced by its code."""
     return _UNPRINTABLE.sub(lambda found: f"<U+{ord(found[0]):04X}>", text)
 
 
 DEEPEST_JSON = 50
-"""More levels of objects and lists than any document has."""
+"""Most levels of objects and lists, more than any document has."""
 LONGEST_JSON_NUMBER = 500
-"""Digits of an integer; more are not read as a number."""
+"""Most digits of an integer."""
 
 
 def parse_json(text: str) -> Any:
@@ -56,50 +57,50 @@ def parse_json(text: str) -> Any:
     try:
         data = json.loads(
             text,
-            parse_int=_whole,
-            parse_float=_real,
-            parse_constant=_no_constant,
-            object_pairs_hook=_mapping,
+            parse_int=_parse_integer,
+            parse_float=_parse_float,
+            parse_constant=_refuse_constant,
+            object_pairs_hook=_without_repeated_keys,
         )
     except RecursionError:
         raise TextError(_TOO_DEEP) from None
     except json.JSONDecodeError as error:
         raise TextError(f"is not JSON: {error}") from None
-    _check(data)
+    _check_depth_and_text(data)
     return data
 
 
 _TOO_DEEP = f"is nested too deeply; at most {DEEPEST_JSON} levels are possible"
 
 
-def _whole(digits: str) -> int:
+def _parse_integer(digits: str) -> int:
     if len(digits) > LONGEST_JSON_NUMBER or not math.isfinite(float(digits)):
         raise TextError(f"has an integer of {len(digits)} digits; at most 1.8e308 is possible")
     return int(digits)
 
 
-def _real(digits: str) -> float:
+def _parse_float(digits: str) -> float:
     value = float(digits)
     if not math.isfinite(value):
         raise TextError(f"has the number {digits[:50]}; at most 1.8e308 is possible")
     return value
 
 
-def _no_constant(word: str) -> NoReturn:
+def _refuse_constant(word: str) -> NoReturn:
     raise TextError(f"is not JSON: has the word {word}; write null for what is no number")
 
 
-def _mapping(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    made = dict(pairs)
-    if len(made) < len(pairs):
+def _without_repeated_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    mapping = dict(pairs)
+    if len(mapping) < len(pairs):
         names = [name for name, _ in pairs]
-        repeated = next(name for name in made if names.count(name) > 1)
+        repeated = next(name for name in mapping if names.count(name) > 1)
         raise TextError(f"has the key {repeated[:50]!r} twice in one object; keep one")
-    return made
+    return mapping
 
 
-def _check(data: Any) -> None:
-    """Check depth and text, level by level: no recursion, however deep."""
+def _check_depth_and_text(data: Any) -> None:
+    """Check depth and characters of JSON data, level by level without recursion."""
     level = [data]
     for _ in range(DEEPEST_JSON + 1):
         inner: list[Any] = []
@@ -120,16 +121,16 @@ def _check(data: Any) -> None:
 
 
 DEEPEST_XML = 100
-"""More levels than any file has; further ones cost stack in whatever reads them."""
+"""Most levels, more than any file has; deeper ones would cost stack in readers."""
 MOST_ELEMENTS = 200_000
-"""More elements than any file has."""
+"""Most elements, more than any file has."""
 
 
 def parse_xml(content: bytes) -> ET.Element:
-    """Return the root element of XML without expanding anything.
+    """Return the root element of XML; no entity is expanded.
 
-    Prefixes stay part of the names (``drake:rotor_inertia``), whether they are declared or not:
-    readers of URDFs do not look for their declaration, so that many files have none.
+    Prefixes stay part of the names (``drake:rotor_inertia``), declared or not: readers of URDFs do
+    not need a declaration, so that many files have none.
 
     Raises:
         TextError: It is empty, not well-formed, declares a DOCTYPE or entities, is nested more than
@@ -140,12 +141,12 @@ def parse_xml(content: bytes) -> ET.Element:
     builder = ET.TreeBuilder()
     depth = count = 0
 
-    def refuse(*_: object) -> None:
+    def refuse_declaration(*_: object) -> None:
         raise TextError(
             "the file declares a DOCTYPE or XML entities; it needs neither, remove the declaration"
         )
 
-    def begin(name: str, attributes: dict[str, str]) -> None:
+    def start_element(name: str, attributes: dict[str, str]) -> None:
         nonlocal depth, count
         depth, count = depth + 1, count + 1
         if depth > DEEPEST_XML:
@@ -154,21 +155,21 @@ def parse_xml(content: bytes) -> ET.Element:
             raise TextError(f"has more than {MOST_ELEMENTS} elements, the most that is possible")
         builder.start(name, attributes)
 
-    def end(name: str) -> None:
+    def end_element(name: str) -> None:
         nonlocal depth
         depth -= 1
         builder.end(name)
 
     reader = expat.ParserCreate()
     reader.buffer_text = True
-    reader.StartDoctypeDeclHandler = refuse
-    reader.EntityDeclHandler = refuse
-    reader.StartElementHandler = begin
-    reader.EndElementHandler = end
+    reader.StartDoctypeDeclHandler = refuse_declaration
+    reader.EntityDeclHandler = refuse_declaration
+    reader.StartElementHandler = start_element
+    reader.EndElementHandler = end_element
     reader.CharacterDataHandler = builder.data
     try:
         reader.Parse(content, True)  # noqa: FBT003 - final, a positional-only flag
     except (expat.ExpatError, ValueError, LookupError) as error:
-        # An encoding that Python does not know, or not as one for XML, is no ExpatError.
+        # An encoding that is unknown or cannot be used for XML raises other errors than ExpatError.
         raise TextError(f"not well-formed XML ({error})") from error
     return builder.close()

@@ -1,6 +1,6 @@
-"""A YAML file of the user's: plain data with line numbers, checked by a schema.
+"""A YAML file of a user: plain data with line numbers, checked against a schema.
 
-Errors name file, line, key, what was found and what would do.
+Errors name file, line and key, the value found and the values allowed.
 """
 
 from __future__ import annotations
@@ -46,13 +46,13 @@ FIGURE = re.compile(
 
 @dataclass(frozen=True, eq=False)
 class YamlSource:
-    """A parsed YAML file that knows on which line each key stands.
+    """A parsed YAML file with the line of each key.
 
     Attributes:
-        path: The file; of content that was made in Python, the name that messages give it.
+        path: The file; for content that was made in Python, its name in messages.
         data: Its content as plain Python data.
         kind: What it describes.
-        lines: Line of each key; none of content that was made in Python.
+        lines: Line of each key; empty for content that was made in Python.
     """
 
     path: Path
@@ -88,9 +88,9 @@ class YamlSource:
         return cls(path, parsed.data, kind, parsed.lines)
 
     def where(self, location: Location) -> str:
-        """Return ``file:line`` of a key, or of the nearest key above it that stands in the file.
+        """Return ``file:line`` of a key, or of the nearest key above it that the file has.
 
-        Of what came from no file it is the name alone.
+        Content that came from no file has its name alone.
         """
         if not self.lines:
             return str(self.path)
@@ -98,7 +98,7 @@ class YamlSource:
         return f"{self.path}:{next((self.lines[key] for key in above if key in self.lines), 1)}"
 
     def placed(self, finding: Finding) -> Finding:
-        """Return a finding that says where the file says so, if the finding has a key."""
+        """Return a finding with its place (file, line and key) filled in, if it has a key."""
         if not finding.key or finding.place:
             return finding
         return replace(finding, place=f"{self.where(finding.key)}: {key_text(finding.key)}")
@@ -114,11 +114,11 @@ class YamlSource:
 
     @contextmanager
     def at(self, location: Location, also: Location = ()) -> Iterator[None]:
-        """Use one part of the file: errors that are raised inside name that part.
+        """Convert errors in the block to errors that name a part of the file.
 
         Args:
             location: The part.
-            also: Deeper part to name where the error is about no argument but a file or name.
+            also: Keys below it to name, too, where the error is not about an argument.
         """
         try:
             yield
@@ -138,12 +138,12 @@ class YamlSource:
             raise self.error((*location, *also), message) from error
 
     def file(self, text: str) -> Path:
-        """Return the path that a text of the file means: relative to the file."""
+        """Return the path of a file name in the file, which is relative to the file's folder."""
         return self.path.resolve().parent / text
 
 
 def key_text(location: Location) -> str:
-    """Return a location as people write it, e.g. ``supports[0].name``."""
+    """Return a location as a dotted key, e.g. ``supports[0].name``."""
     text = ""
     for part in location:
         if isinstance(part, int):
@@ -172,32 +172,32 @@ Node = dict[str, Any]
 
 
 def validated(source: YamlSource, model: type[_Entry]) -> _Entry:
-    """Return the content of a file as its schema has it.
+    """Return the content of a file, validated by its schema.
 
     Raises:
-        GrasplessPinError: The error of the file's kind, a line a mistake: file:line, key, what was
-            found, what would do.
+        GrasplessPinError: The error of the file's kind, with a line for each mistake: file:line,
+            key, the value found, the values allowed.
     """
     try:
         return model.model_validate(source.data)
     except ValidationError as error:
         mistakes = list(_mistakes(source.data, error, model, source.kind))
         # A misspelt key comes before what is missing because of it.
-        mistakes.sort(key=lambda one: not one[1].startswith(_UNKNOWN_KEY))
-        lines = [*dict.fromkeys(source.message(*one) for one in mistakes)]
-        more = len(lines) - _MOST_LISTED + max(0, error.error_count() - _MOST_EXAMINED)
-        rest = [f"... and {more} mistakes more"] if more > 0 else []
-        raise source.kind.error("\n".join([*lines[:_MOST_LISTED], *rest])) from None
+        mistakes.sort(key=lambda mistake: not mistake[1].startswith(_UNKNOWN_KEY))
+        lines = [*dict.fromkeys(source.message(*mistake) for mistake in mistakes)]
+        unlisted = len(lines) - _MOST_LISTED + max(0, error.error_count() - _MOST_EXAMINED)
+        remainder = [f"... and {unlisted} mistakes more"] if unlisted > 0 else []
+        raise source.kind.error("\n".join([*lines[:_MOST_LISTED], *remainder])) from None
 
 
 def with_known(entry: Any, data: Any, known: Any, known_data: Any) -> Any:
-    """Return an entry in which all parts that were said before are the same objects as then.
+    """Return an entry with unchanged parts replaced by the same objects of an earlier entry.
 
     Args:
         entry: The entry, or a part of it.
-        data: What the file says there.
-        known: The entry before.
-        known_data: What the file said then.
+        data: The file's data for it.
+        known: The earlier entry.
+        known_data: The file's data for the earlier entry.
     """
     if is_alike(data, known_data):
         return known
@@ -214,20 +214,22 @@ def with_known(entry: Any, data: Any, known: Any, known_data: Any) -> Any:
     return entry
 
 
-def checked_key(kind: FileKind, model: type[BaseModel], least: Node, name: str, value: Any) -> Any:
-    """Return one key's value as the schema of a file has it.
+def checked_key(
+    kind: FileKind, model: type[BaseModel], minimal_data: Node, name: str, value: Any
+) -> Any:
+    """Return the value of one key, validated by the schema of a file.
 
     Args:
         kind: The kind of file.
         model: The schema.
-        least: A content of the file that is sound.
+        minimal_data: Valid content of such a file.
         name: The key.
         value: Its value.
 
     Raises:
         ArgumentError: If the schema does not take it.
     """
-    data = {**least, name: plain(value)}
+    data = {**minimal_data, name: plain(value)}
     try:
         return getattr(model.model_validate(data), name)
     except ValidationError as error:
@@ -236,7 +238,7 @@ def checked_key(kind: FileKind, model: type[BaseModel], least: Node, name: str, 
 
 
 def plain(value: Any) -> Any:
-    """Return plain data: arrays and tuples as lists, numpy's numbers as Python's, enums as text."""
+    """Return plain data: arrays and tuples as lists, numpy scalars as numbers, enums as values."""
     if isinstance(value, Mapping):
         return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, np.ndarray | np.generic):
@@ -250,17 +252,17 @@ def plain(value: Any) -> Any:
 
 @cache
 def _json_schema(model: type[BaseModel]) -> Node:
-    """Return a model's JSON schema, which takes longer to make than to look through."""
+    """Return a model's JSON schema, cached as it is slow to make."""
     return model.model_json_schema()
 
 
 def is_whole_number(data: Any, model: type[BaseModel], location: Location) -> bool:
-    """Return whether a number at a location of a file has to be a whole one.
+    """Return whether the number at a location of a file has to be a whole number.
 
     Args:
-        data: What the file says above it.
-        model: What it is checked against.
-        location: Of the number.
+        data: The file's data.
+        model: Its schema.
+        location: Location of the number.
     """
     nodes = _nodes_at(_json_schema(model), data, location)
     kinds = {node.get("type") for node in nodes}
@@ -268,64 +270,67 @@ def is_whole_number(data: Any, model: type[BaseModel], location: Location) -> bo
 
 
 def unknown_key(data: Any, model: type[BaseModel], location: Location) -> str:
-    """Return that a location is none of a file, with the keys that there are; empty: it is one.
+    """Return a message that a file has no such key, with the known keys; empty if it has it.
 
     Args:
-        data: What the file says above it.
-        model: What it is checked against.
-        location: Of the key.
+        data: The file's data.
+        model: Its schema.
+        location: Location of the key.
     """
     known = _known_keys(_json_schema(model), data, location)
-    # Where names are free, the schema has no keys.
-    return "" if not known or location[-1] in known else _unknown(location, known)
+    # Mappings by free names have no keys in the schema.
+    return "" if not known or location[-1] in known else _unknown_key_text(location, known)
 
 
 def _known_keys(schema: Node, data: Any, location: Location) -> list[str]:
-    """Return the keys that may stand beside a location, sorted."""
-    return sorted({key for node in _nodes_at(schema, data, location[:-1]) for key in _keys(node)})
+    """Return the keys that the schema allows at the level of a location, sorted."""
+    return sorted(
+        {key for node in _nodes_at(schema, data, location[:-1]) for key in _properties(node)}
+    )
 
 
-def _unknown(location: Location, known: list[str]) -> str:
+def _unknown_key_text(location: Location, known: list[str]) -> str:
     return f"{_UNKNOWN_KEY}; {names_in_words(str(location[-1]), known)}"
 
 
 def _mistakes(
     data: Any, error: ValidationError, model: type[BaseModel], kind: FileKind
 ) -> Iterator[tuple[Location, str]]:
-    """Yield where a mistake is and what it is called."""
-    items = [(_in_file(data, item), item) for item in error.errors()[:_MOST_EXAMINED]]
+    """Yield location and message of each mistake."""
+    items = [(_file_location(data, item), item) for item in error.errors()[:_MOST_EXAMINED]]
     schema = _json_schema(model)
     for location, item in items:
-        # Every branch of a union complains; the branch that got furthest is the one that is meant.
+        # Every branch of a union reports errors: take those with the deepest location.
         if not any(
-            len(other) > len(location) and other[: len(location)] == location for other, _ in items
+            len(longer) > len(location) and longer[: len(location)] == location
+            for longer, _ in items
         ):
-            yield location, _mistake(schema, data, location, item, kind)
+            yield location, _mistake_text(schema, data, location, item, kind)
 
 
-def _mistake(schema: Node, data: Any, location: Location, item: Any, kind: FileKind) -> str:
+def _mistake_text(schema: Node, data: Any, location: Location, item: Any, kind: FileKind) -> str:
     fault, parts = item["type"], item["loc"]
     if fault == "value_error":
         return item["msg"].removeprefix("Value error, ")
     if fault == "extra_forbidden":
-        return _unknown(location, _known_keys(schema, data, location))
+        return _unknown_key_text(location, _known_keys(schema, data, location))
     if fault == "invalid_key" or parts[-1:] == ("[key]",):
         found = reprlib.repr(item["input"])
         if isinstance(item["input"], str):
             return f"found {found} as a name; a name has at most 200 characters"
         return f"found {found} as a name; a name is text: put it in quotes"
-    wanted = _wanted_of(schema, _nodes_at(schema, data, location))
+    wanted = _wanted_of_any(schema, _nodes_at(schema, data, location))
     if fault == "missing" and location[-1:] == parts[-1:]:
         return f"is missing; needs {wanted}"
     found = item["input"]
     value = "nothing" if found is None else reprlib.repr(found)
-    return f"found {value}; needs {wanted}{_meant(found, wanted, location, kind)}"
+    return f"found {value}; needs {wanted}{_meant_value_text(found, wanted, location, kind)}"
 
 
-def _meant(found: Any, wanted: str, location: Location, kind: FileKind) -> str:
-    """Return which figure, or which of the words that would do, was probably meant."""
+def _meant_value_text(found: Any, wanted: str, location: Location, kind: FileKind) -> str:
+    """Return, for messages, the figure or the allowed word that was probably meant; else empty."""
     word = found.get("type") if isinstance(found, dict) else found
-    share = _plain_figure(word) if "below 1" in wanted else None
+    share = _unitless_figure(word) if "below 1" in wanted else None
     if share is not None and 1.0 <= share < 100.0:
         return f"; {share:g} % is {share / 100.0:g}"
     is_one = isinstance(word, str | int | float) and "number" in wanted
@@ -335,130 +340,130 @@ def _meant(found: Any, wanted: str, location: Location, kind: FileKind) -> str:
     return "" if nearest is None else f"; did you mean {nearest!r}?"
 
 
-def _plain_figure(found: Any) -> float | None:
-    """Return what is a number, or a text that is one without a unit; None for all else."""
-    figure = None if isinstance(found, bool) else FIGURE.fullmatch(str(found))
+def _unitless_figure(value: Any) -> float | None:
+    """Return a number, or a text that is a number without a unit; None for anything else."""
+    figure = None if isinstance(value, bool) else FIGURE.fullmatch(str(value))
     return None if figure is None or figure[2] else float(figure[1].replace(",", "."))
 
 
-def _in_file(data: Any, item: Any) -> Location:
-    """Keep the parts of a validation location that are keys of the file, and a missing last key.
+def _file_location(data: Any, item: Any) -> Location:
+    """Return the location in the file of a validation error, a missing last key included.
 
-    Branches of unions add their own names to the location.
+    Names of union branches, which pydantic inserts, are left out.
     """
-    kept: list[int | str] = []
+    location: list[int | str] = []
     for part in item["loc"]:
-        if _holds(data, part):
-            # Lines are by keys as they are written, be they numbers or not.
-            kept.append(part if isinstance(data, list) else str(part))
+        if _has_part(data, part):
+            # Locations have mapping keys as texts, also keys that are numbers.
+            location.append(part if isinstance(data, list) else str(part))
             data = data[part]
     if item["type"] == "missing" and isinstance(data, dict):
-        kept.append(item["loc"][-1])
-    return tuple(kept)
+        location.append(item["loc"][-1])
+    return tuple(location)
 
 
-def _holds(data: Any, part: Any) -> bool:
+def _has_part(data: Any, part: Any) -> bool:
     if isinstance(data, list):
         return isinstance(part, int) and part < len(data)
     return isinstance(data, dict) and part in data
 
 
 def _nodes_at(schema: Node, data: Any, location: Location) -> list[Node]:
-    """Return the JSON schemas of what may stand at a location of this file."""
+    """Return the JSON schemas that apply at a location of a file."""
     nodes = [schema]
     for part in location:
-        fitting = [node for node in nodes if _is_named(node, data)] or nodes
-        children = [_child(node, part) for node in fitting]
-        nodes = [option for child in children if child for option in _options(schema, child)]
-        data = data[part] if _holds(data, part) else None
-    return [node for node in nodes if _is_named(node, data)] or nodes
+        fitting = [node for node in nodes if _is_branch_of_type(node, data)] or nodes
+        children = [_child_schema(node, part) for node in fitting]
+        nodes = [option for child in children if child for option in _union_branches(schema, child)]
+        data = data[part] if _has_part(data, part) else None
+    return [node for node in nodes if _is_branch_of_type(node, data)] or nodes
 
 
-def _is_named(node: Node, data: Any) -> bool:
-    """Return whether ``data`` is the mapping whose ``type`` this branch of a union describes."""
+def _is_branch_of_type(node: Node, data: Any) -> bool:
+    """Return whether ``data`` is a mapping with the ``type`` of this branch of a union."""
     named = node.get("properties", {}).get("type", {}).get("const")
     return named is not None and isinstance(data, dict) and data.get("type") == named
 
 
-def _options(schema: Node, node: Node) -> list[Node]:
-    """Return the branches of a union, each with its reference followed, without null."""
+def _union_branches(schema: Node, node: Node) -> list[Node]:
+    """Return the branches of a union, references resolved, without null."""
     if "$ref" in node:
         node = schema["$defs"][node["$ref"].rpartition("/")[2]]
     branches = node.get("anyOf") or node.get("oneOf")
     if branches is None:
         return [] if node.get("type") == "null" else [node]
-    return [option for branch in branches for option in _options(schema, branch)]
+    return [option for branch in branches for option in _union_branches(schema, branch)]
 
 
-def _child(node: Node, part: int | str) -> Node | None:
+def _child_schema(node: Node, part: int | str) -> Node | None:
     if isinstance(part, int):
-        places = node.get("prefixItems", [])
-        return places[part] if part < len(places) else node.get("items")
-    further = node.get("additionalProperties")
-    return _keys(node).get(part) or (further if isinstance(further, dict) else None)
+        item_schemas = node.get("prefixItems", [])
+        return item_schemas[part] if part < len(item_schemas) else node.get("items")
+    additional = node.get("additionalProperties")
+    return _properties(node).get(part) or (additional if isinstance(additional, dict) else None)
 
 
-def _keys(node: Node) -> Node:
+def _properties(node: Node) -> Node:
     return node.get("properties", {})
 
 
-def _wanted_of(schema: Node, nodes: list[Node]) -> str:
-    """Say in words what any branch of a union allows."""
-    names = [_keys(node)["type"]["const"] for node in nodes if "type" in _keys(node)]
+def _wanted_of_any(schema: Node, nodes: list[Node]) -> str:
+    """Return in words what the branches of a union allow."""
+    names = [_properties(node)["type"]["const"] for node in nodes if "type" in _properties(node)]
     if len(names) > 1:
-        return f"a mapping with the type {_join([repr(name) for name in names])}"
-    return _join([_wanted(schema, node) for node in nodes])
+        return f"a mapping with the type {_joined_by_or([repr(name) for name in names])}"
+    return _joined_by_or([_wanted(schema, node) for node in nodes])
 
 
 def _wanted(schema: Node, node: Node) -> str:
-    """Say in words what a part of the schema allows."""
+    """Return in words what a part of the schema allows."""
     if "enum" in node or "const" in node:
-        return _join([repr(value) for value in node.get("enum", [node.get("const")])])
+        return _joined_by_or([repr(value) for value in node.get("enum", [node.get("const")])])
     match node.get("type"):
         case "number" | "integer":
             return f"{'a finite' if node['type'] == 'number' else 'a whole'} number{_bounds(node)}"
         case "array":
-            inner = node.get("prefixItems", [node.get("items", {})])
-            each = _wanted_of(schema, _options(schema, inner[0]))
+            items = node.get("prefixItems", [node.get("items", {})])
+            item = _wanted_of_any(schema, _union_branches(schema, items[0]))
             if "prefixItems" in node:
-                return f"a list of {len(inner)}, each {each}"
-            return f"a list{_sizes(node, 'Items')}, each item {each}"
+                return f"a list of {len(items)}, each {item}"
+            return f"a list{_size_text(node, 'Items')}, each item {item}"
         case "object" if "properties" in node:
-            return f"a mapping with the keys {', '.join(_keys(node))}"
+            return f"a mapping with the keys {', '.join(_properties(node))}"
         case "object" if not isinstance(node.get("additionalProperties"), dict):
             return "a mapping"
         case "object":
-            each = _wanted_of(schema, _options(schema, node["additionalProperties"]))
-            return f"a mapping{_sizes(node, 'Properties') or ' of'} names, each to {each}"
+            item = _wanted_of_any(schema, _union_branches(schema, node["additionalProperties"]))
+            return f"a mapping{_size_text(node, 'Properties') or ' of'} names, each to {item}"
         case "boolean":
             return "true or false"
         case _:
-            sizes = _sizes(node, "Length")
+            sizes = _size_text(node, "Length")
             return f"text{sizes} characters" if sizes else "text"
 
 
-def _sizes(node: Node, of: str) -> str:
-    """Return how many there may be, such as `` of at most 3``; empty: any number."""
-    words = {"at least": node.get(f"min{of}"), "at most": node.get(f"max{of}")}
-    bounds = [f"{word} {size}" for word, size in words.items() if size is not None]
+def _size_text(node: Node, suffix: str) -> str:
+    """Return the bounds on a number of items, such as `` of at most 3``; empty without any."""
+    limits = {"at least": node.get(f"min{suffix}"), "at most": node.get(f"max{suffix}")}
+    bounds = [f"{word} {size}" for word, size in limits.items() if size is not None]
     return f" of {' and '.join(bounds)}" if bounds else ""
 
 
 def _bounds(node: Node) -> str:
-    least, most = node.get("minimum"), node.get("maximum")
+    low, high = node.get("minimum"), node.get("maximum")
     if "exclusiveMaximum" in node:
-        return f" >= {least:g}, below {node['exclusiveMaximum']:g}"
-    if most is None:
-        return "" if least is None else f" >= {least:g}"
-    if least is None:
-        return f" > {node['exclusiveMinimum']:g}, at most {most:g}"
+        return f" >= {low:g}, below {node['exclusiveMaximum']:g}"
+    if high is None:
+        return "" if low is None else f" >= {low:g}"
+    if low is None:
+        return f" > {node['exclusiveMinimum']:g}, at most {high:g}"
     if "exclusiveMinimum" in node:
-        return f" > 0, from {least:g} to {most:g}"
-    if least == -most:
-        return f" within ±{most:g}"
-    return f" >= {least:g}, at most {most:g}"
+        return f" > 0, from {low:g} to {high:g}"
+    if low == -high:
+        return f" within ±{high:g}"
+    return f" >= {low:g}, at most {high:g}"
 
 
-def _join(words: list[str]) -> str:
+def _joined_by_or(words: list[str]) -> str:
     words = list(dict.fromkeys(words))
     return " or ".join([", ".join(words[:-1]), words[-1]]) if len(words) > 1 else "".join(words)

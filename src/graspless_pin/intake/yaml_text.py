@@ -1,7 +1,7 @@
-"""Plain YAML with line numbers and bounds: data only, no tags, no duplicate keys.
+"""Parse plain YAML with line numbers and bounds: data only, no tags, no duplicate keys.
 
-And a YAML text that is changed so that it holds other data: patched, not written anew, so that
-comments, order, line breaks and the digits of numbers stay.
+Edit a YAML text so that it holds other data: it is patched, not written anew, so that comments,
+order, line breaks and the digits of numbers stay.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ from graspless_pin.intake.text import bad_character
 Location = tuple[str | int, ...]
 
 MOST_ENTRIES = 30_000
-"""More keys and items than any file has; anchors can multiply a few lines into billions."""
+"""Most keys and items, more than any file has: anchors can multiply a few lines to billions."""
 DEEPEST_YAML = 50
-"""More levels of mappings and lists than any file has."""
+"""Most levels of mappings and lists, more than any file has."""
 LONGEST_YAML_NUMBER = 500
-"""More characters than any number has; thousands of digits take Python long."""
+"""Most characters of a number: Python is slow to convert thousands of digits."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class ParsedYaml:
 
 
 class YamlLoader(yaml.SafeLoader):
-    """PyYAML's plain loader with bounds, which come before any recursion or slow search."""
+    """PyYAML's safe loader with bounds, which are checked before any recursion or slow search."""
 
     def fetch_flow_collection_start(self, TokenClass: Any) -> None:
         """Refuse to go too deep."""
@@ -59,7 +59,7 @@ class YamlLoader(yaml.SafeLoader):
             )
 
 
-# 1:30 is the number 90 in YAML 1.1; here it is text, which no number's place takes.
+# 1:30 is the number 90 in YAML 1.1; here it is text, which is refused where a number is wanted.
 _NUMBERS = {
     "tag:yaml.org,2002:int": re.compile(r"[-+]?(0b[0-1_]+|0[0-7_]*|[1-9][0-9_]*|0x[0-9a-fA-F_]+)"),
     "tag:yaml.org,2002:float": re.compile(
@@ -112,7 +112,7 @@ def parse_yaml(text: str) -> ParsedYaml:
 
 
 def texts_of(data: Any) -> Iterator[str]:
-    """Yield all texts of a file's data but for keys."""
+    """Yield all texts in a file's data except keys."""
     if isinstance(data, str):
         yield data
     elif isinstance(data, dict | list):
@@ -121,13 +121,13 @@ def texts_of(data: Any) -> Iterator[str]:
 
 
 def _lines_of(root: yaml.Node) -> dict[Location, int]:
-    """Return the line of each key and item, in the order of the text; without recursion."""
+    """Return the line of each key and item, in the order of the text; not recursive."""
     lines: dict[Location, int] = {}
-    waiting: list[tuple[yaml.Node | None, yaml.Node, Location, frozenset[int]]] = [
+    stack: list[tuple[yaml.Node | None, yaml.Node, Location, frozenset[int]]] = [
         (None, root, (), frozenset())
     ]
-    while waiting:
-        key, node, location, above = waiting.pop()
+    while stack:
+        key, node, location, above = stack.pop()
         if key is not None:
             _check_scalar(key, location)
             location = (*location, str(key.value))
@@ -154,10 +154,10 @@ def _lines_of(root: yaml.Node) -> dict[Location, int]:
         above |= {id(node)}
         lines.setdefault(location, line)
         if isinstance(node, yaml.MappingNode):
-            waiting += [(name, value, location, above) for name, value in reversed(node.value)]
+            stack += [(name, value, location, above) for name, value in reversed(node.value)]
         elif isinstance(node, yaml.SequenceNode):
             items = reversed([*enumerate(node.value)])
-            waiting += [(None, value, (*location, index), above) for index, value in items]
+            stack += [(None, value, (*location, index), above) for index, value in items]
         else:
             _check_scalar(node, location)
     return lines
@@ -182,7 +182,7 @@ def _check_scalar(node: yaml.Node, location: Location) -> None:
 
 
 def _advice(error: yaml.MarkedYAMLError) -> str:
-    """Return what PyYAML found, where on the line, and what would do."""
+    """Return PyYAML's problem with its column, and advice."""
     problem = error.problem or "unreadable"
     advice = "use plain mappings, lists, text and numbers"
     if "tag" in problem:
@@ -208,15 +208,15 @@ _LINE_END = re.compile(r"\r\n|[\r\n\x85\u2028\u2029]")
 
 
 class _Edit(NamedTuple):
-    """Put a text in the place of what stands from start to end."""
+    """Replace the text from start to end."""
 
     start: int
     end: int
     text: str
 
 
-class _Loader(YamlLoader):
-    """Gives an alias its own place in the text; it has its anchor's content."""
+class _AliasLoader(YamlLoader):
+    """Loads an alias as a node of its own, with its place in the text."""
 
     def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
         alias = self.peek_event() if self.check_event(yaml.AliasEvent) else None
@@ -226,11 +226,11 @@ class _Loader(YamlLoader):
         return yaml.ScalarNode("alias", None, alias.start_mark, alias.end_mark)
 
 
-class _Dumper(yaml.SafeDumper):
-    """Indents the items of lists, writes anchors out, and keeps every text on one line."""
+class _BlockDumper(yaml.SafeDumper):
+    """Indents list items, expands aliases, and writes every text on one line."""
 
     def represent(self, data: Any) -> None:
-        """Write the outermost mapping or list in a block unless all is to be on one line."""
+        """Write the outermost mapping or list in block style unless all is in flow style."""
         node = self.represent_data(data)
         if isinstance(node, yaml.CollectionNode) and not self.default_flow_style:
             node.flow_style = False
@@ -243,127 +243,138 @@ class _Dumper(yaml.SafeDumper):
         super().increase_indent(flow, indentless=False)
 
 
-def _one_line(dumper: yaml.SafeDumper, text: str) -> yaml.Node:
+def _represent_on_one_line(dumper: yaml.SafeDumper, text: str) -> yaml.Node:
     style = None if text.isprintable() else '"'
     return dumper.represent_scalar("tag:yaml.org,2002:str", text, style=style)
 
 
-_Dumper.add_representer(str, _one_line)
+_BlockDumper.add_representer(str, _represent_on_one_line)
 
 
 def yaml_of(data: Any) -> str:
-    """Return data as YAML: the innermost mappings and lists on one line, the others in blocks."""
-    return yaml.dump(data, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=_WIDTH,
+    """Return data as YAML: innermost mappings and lists in flow style, others in block style."""
+    return yaml.dump(data, Dumper=_BlockDumper, sort_keys=False, allow_unicode=True, width=_WIDTH,
                      default_flow_style=None)  # fmt: skip
 
 
 def edited_yaml(text: str, data: Any) -> str:
-    """Return a YAML text with as little changed as makes it hold some data.
+    """Return a YAML text edited to hold some data, with as few changes as possible.
 
-    Where that is not possible, as with merged keys, a mapping or the whole text is written anew.
+    Where it cannot be patched, as with merged keys, a mapping or the whole text is written anew.
 
     Args:
         text: What `parse_yaml` takes.
-        data: Plain Python data that the result is to hold; the order of keys does not count, and
-            numbers and truth values that are equal are the same.
+        data: Plain Python data of the result. The order of keys does not count, and equal numbers
+            and truth values are the same.
 
     Raises:
         TextError: See `parse_yaml`.
     """
-    found = parse_yaml(text).data
+    current = parse_yaml(text).data
     for _ in range(_MOST_ROUNDS):
-        if found == data:
+        if current == data:
             return text
-        root = _Loader(text).get_single_node()
+        root = _AliasLoader(text).get_single_node()
         if root is None:
             break
-        # What the others have moved is looked at in the next round.
-        free = len(text)
-        for edit in sorted(_edits(text, root, found, data), reverse=True):
-            if edit.end <= free:
+        # Edits that overlap later ones are left to the next round.
+        untouched_end = len(text)
+        for edit in sorted(_edits(text, root, current, data), reverse=True):
+            if edit.end <= untouched_end:
                 text = text[: edit.start] + edit.text + text[edit.end :]
-                free = edit.start
+                untouched_end = edit.start
         try:
-            found = parse_yaml(text).data
-        except TextError:  # an anchor is gone that an alias needs
+            current = parse_yaml(text).data
+        except TextError:  # an alias has lost its anchor
             break
     return yaml_of(data)
 
 
-def _edits(text: str, node: yaml.Node, found: Any, wanted: Any) -> Iterator[_Edit]:
-    """Yield what has to be done to the text of one node."""
-    if found == wanted:
+def _edits(text: str, node: yaml.Node, current: Any, wanted: Any) -> Iterator[_Edit]:
+    """Yield the edits of the text of one node."""
+    if current == wanted:
         return
     edits = None
-    if found and wanted and isinstance(node, yaml.MappingNode) and isinstance(wanted, dict):
-        edits = _mapping_edits(text, node, found, wanted)
-    elif found and wanted and isinstance(node, yaml.SequenceNode) and isinstance(wanted, list):
-        edits = _sequence_edits(text, node, found, wanted)
-    yield from [_replaced(text, node, wanted)] if edits is None else edits
+    if current and wanted and isinstance(node, yaml.MappingNode) and isinstance(wanted, dict):
+        edits = _mapping_edits(text, node, current, wanted)
+    elif current and wanted and isinstance(node, yaml.SequenceNode) and isinstance(wanted, list):
+        edits = _sequence_edits(text, node, current, wanted)
+    yield from [_replacement_edit(text, node, wanted)] if edits is None else edits
 
 
 def _mapping_edits(
-    text: str, node: yaml.MappingNode, found: dict[Any, Any], wanted: dict[Any, Any]
+    text: str, node: yaml.MappingNode, current: dict[Any, Any], wanted: dict[Any, Any]
 ) -> list[_Edit] | None:
-    """Return the edits of a mapping's keys; None: it has to be replaced as a whole."""
+    """Return the edits of a mapping's keys; None if it has to be replaced as a whole."""
     names = [key.value for key, _ in node.value]
     kept = [name for name in names if name in wanted]
     without_braces = node.flow_style and text[node.start_mark.index] not in "{&"  # [key: value]
-    if names != list(found) or not kept or without_braces:
+    if names != list(current) or not kept or without_braces:
         return None
     edits = []
     for (_, value), name in zip(node.value, names, strict=True):
         if name in wanted:
-            edits += _edits(text, value, found[name], wanted[name])
-    spans = [(key.start_mark.index, _end(value)) for key, value in node.value]
-    gone = [index for index, name in enumerate(names) if name not in wanted]
-    new = {name: value for name, value in wanted.items() if name not in found}
-    return edits + _changed_length(text, node, spans, gone, new)
+            edits += _edits(text, value, current[name], wanted[name])
+    spans = [(key.start_mark.index, _content_end(value)) for key, value in node.value]
+    removed = [index for index, name in enumerate(names) if name not in wanted]
+    added = {name: value for name, value in wanted.items() if name not in current}
+    return edits + _length_edits(text, node, spans, removed, added)
 
 
 def _sequence_edits(
-    text: str, node: yaml.SequenceNode, found: list[Any], wanted: list[Any]
+    text: str, node: yaml.SequenceNode, current: list[Any], wanted: list[Any]
 ) -> list[_Edit] | None:
-    """Return the edits of a list's items; None: it has to be replaced as a whole."""
-    labels, goal = [_label(item) for item in found], [_label(item) for item in wanted]
-    kept = [label for label in labels if label in goal]
-    if kept and kept == goal[: len(kept)] and len(kept) < max(len(labels), len(goal)):
-        gone = [index for index, label in enumerate(labels) if label not in goal]
+    """Return the edits of a list's items; None if it has to be replaced as a whole."""
+    labels, wanted_labels = (
+        [_item_label(item) for item in current],
+        [_item_label(item) for item in wanted],
+    )
+    kept = [label for label in labels if label in wanted_labels]
+    if (
+        kept
+        and kept == wanted_labels[: len(kept)]
+        and len(kept) < max(len(labels), len(wanted_labels))
+    ):
+        removed = [index for index, label in enumerate(labels) if label not in wanted_labels]
         spans = [_item_span(text, node, item) for item in node.value]
-        return _changed_length(text, node, spans, gone, wanted[len(kept) :])
-    if len(found) != len(wanted):
+        return _length_edits(text, node, spans, removed, wanted[len(kept) :])
+    if len(current) != len(wanted):
         return None
-    pairs = zip(node.value, found, wanted, strict=True)
+    pairs = zip(node.value, current, wanted, strict=True)
     return [edit for item, old, new in pairs for edit in _edits(text, item, old, new)]
 
 
-def _label(item: Any) -> str:
-    """Return what tells an item of a list from others: its name, or all of it."""
+def _item_label(item: Any) -> str:
+    """Return what identifies a list item: its name or prefix, else its whole content."""
     names = (item.get("name"), item.get("prefix")) if isinstance(item, dict) else ()
     return next((name for name in names if isinstance(name, str)), repr(item))
 
 
-def _changed_length(
-    text: str, node: yaml.CollectionNode, spans: list[tuple[int, int]], gone: list[int], new: Any
+def _length_edits(
+    text: str,
+    node: yaml.CollectionNode,
+    spans: list[tuple[int, int]],
+    removed: list[int],
+    added: Any,
 ) -> list[_Edit]:
-    """Return the edits that take some children out and add some after the last."""
-    out = _out_of_line if node.flow_style else _out_of_block
-    edits = [out(text, spans, index) for index in gone]
+    """Return the edits that remove some children and append new ones after the last."""
+    removal = _removal_from_flow if node.flow_style else _removal_from_block
+    edits = [removal(text, spans, index) for index in removed]
     end = spans[-1][1]
-    if new and node.flow_style:
-        edits.append(_Edit(end, end, f", {flow_of(new)[1:-1]}"))
-    elif new:
-        lines = block_of(new, spans[0][0] - _line_start(text, spans[0][0]))
+    if added and node.flow_style:
+        edits.append(_Edit(end, end, f", {flow_of(added)[1:-1]}"))
+    elif added:
+        lines = block_of(added, spans[0][0] - _line_start(text, spans[0][0]))
         if text[:end].endswith("\n"):  # a text block, which ends with its line
             edits.append(_Edit(end, end, f"{lines}\n"))
         else:
-            at = _line_end(text, end)[0]
-            edits.append(_Edit(at, at, f"\n{lines}"))
+            line_end = _line_end(text, end)[0]
+            edits.append(_Edit(line_end, line_end, f"\n{lines}"))
     return edits
 
 
-def _out_of_line(text: str, spans: list[tuple[int, int]], index: int) -> _Edit:
-    """Take a child out of ``{...}`` or ``[...]``, with one comma."""
+def _removal_from_flow(text: str, spans: list[tuple[int, int]], index: int) -> _Edit:
+    """Return the edit that removes a child from ``{...}`` or ``[...]``, with one comma."""
     start, end = spans[index]
     if comma := _COMMA.match(text, end):
         return _Edit(start, comma.end(), "")
@@ -372,22 +383,22 @@ def _out_of_line(text: str, spans: list[tuple[int, int]], index: int) -> _Edit:
     return _Edit(start, end, "")
 
 
-def _out_of_block(text: str, spans: list[tuple[int, int]], index: int) -> _Edit:
-    """Take a child's lines out; comments on lines of their own stay."""
+def _removal_from_block(text: str, spans: list[tuple[int, int]], index: int) -> _Edit:
+    """Return the edit that removes a child's lines; comments on lines of their own stay."""
     start, end = spans[index]
     if not text[:end].endswith("\n"):
         end = _line_end(text, end)[1]
     line = _line_start(text, start)
     if not text[line:start].strip():
         return _Edit(line, end, "")
-    # The first key of a list's item, behind the dash; more follow, or the item would be replaced.
+    # The first key of a list item, after the dash. More keys follow: else the item is replaced.
     following = spans[index + 1][0] if index + 1 < len(spans) else spans[index][1]
     return _Edit(start, spans[index][1] if text[end:following].strip() else following, "")
 
 
-def _replaced(text: str, node: yaml.Node, wanted: Any) -> _Edit:
-    """Put data in the place of a node; its anchor stays."""
-    start, end = node.start_mark.index, _end(node)
+def _replacement_edit(text: str, node: yaml.Node, wanted: Any) -> _Edit:
+    """Return the edit that replaces a node by data; its anchor stays."""
+    start, end = node.start_mark.index, _content_end(node)
     anchor = _ANCHOR.match(text, start)
     start = anchor.end() if anchor else start
     in_block = isinstance(node, yaml.CollectionNode) and not node.flow_style and not anchor
@@ -401,26 +412,26 @@ def _replaced(text: str, node: yaml.Node, wanted: Any) -> _Edit:
     return _Edit(start, end, before + flow_of(wanted) + after)
 
 
-def _end(node: yaml.Node) -> int:
-    """Return where the text of a node ends; marks of blocks stand after the comments below."""
+def _content_end(node: yaml.Node) -> int:
+    """Return where the text of a node ends; end marks of blocks are after trailing comments."""
     if isinstance(node, yaml.CollectionNode) and not node.flow_style:
         last = node.value[-1]
-        return _end(last[1] if isinstance(last, tuple) else last)
+        return _content_end(last[1] if isinstance(last, tuple) else last)
     return node.end_mark.index
 
 
 def _item_span(text: str, node: yaml.SequenceNode, item: yaml.Node) -> tuple[int, int]:
-    """Return where an item of a list starts, with its dash in a block, and where it ends."""
+    """Return start and end of a list item, in a block with its dash."""
     start = item.start_mark.index
     if not node.flow_style:
         start = text.rindex("-", 0, start)
-    return start, _end(item)
+    return start, _content_end(item)
 
 
 def _line_end(text: str, index: int) -> tuple[int, int]:
-    """Return where a line ends, and where the next one starts."""
-    found = _LINE_END.search(text, index)
-    return found.span() if found else (len(text), len(text))
+    """Return where the line ends, and where the next one starts."""
+    match = _LINE_END.search(text, index)
+    return match.span() if match else (len(text), len(text))
 
 
 def _line_start(text: str, index: int) -> int:
@@ -428,12 +439,12 @@ def _line_start(text: str, index: int) -> int:
 
 
 def flow_of(data: Any) -> str:
-    """Return data as YAML on one line, as it may stand inside of ``[...]``."""
-    line = yaml.dump([data], Dumper=_Dumper, sort_keys=False, allow_unicode=True,
+    """Return data as YAML in flow style on one line, valid inside of ``[...]``."""
+    line = yaml.dump([data], Dumper=_BlockDumper, sort_keys=False, allow_unicode=True,
                      default_flow_style=True, width=float("inf"))  # fmt: skip
     return line.strip()[1:-1]
 
 
 def block_of(data: Any, column: int) -> str:
-    """Return data as YAML in lines that start at a column, the last without its end."""
+    """Return data as YAML in block style, indented to a column, without the last line end."""
     return "\n".join(" " * column + line for line in yaml_of(data).splitlines())
