@@ -15,7 +15,7 @@ from graspless_pin.scene.problem_data import jointed_contacts
 from graspless_pin.scene.scene import Scene
 from graspless_pin.scene.scene_findings import ALL_CHECKS
 from graspless_pin.studies import Study, run_study, sample_evaluation
-from graspless_pin.studies.executors import _rest
+from graspless_pin.studies.executors import _samples_to_send
 from graspless_pin.studies.journal import JOURNAL_FORMAT, Journal
 from graspless_pin.studies.run import check_study
 from graspless_pin.studies.sample_evaluation import evaluate_each, stated_sample
@@ -172,9 +172,9 @@ def test_a_process_after_a_crash_learns_again_what_was_learned():
     made = blocked(count=20)
     samples = [*enumerate(made.samples)][BLOCK:]
     rows = {n: {"sample": n, "status": "optimal"} for n in range(BLOCK, 2 * BLOCK + 3)}
-    assert [n for n, _ in _rest(made, samples, rows)] == [*range(2 * BLOCK, 20)]
+    assert [n for n, _ in _samples_to_send(made, samples, rows)] == [*range(2 * BLOCK, 20)]
     rows[2 * BLOCK + 1]["status"] = "crashed"
-    assert [n for n, _ in _rest(made, samples, rows)] == [16, 18, 19]
+    assert [n for n, _ in _samples_to_send(made, samples, rows)] == [16, 18, 19]
 
 
 @pytest.mark.parametrize("method", ["sobol", "grid"])

@@ -1,6 +1,6 @@
 """Where samples are computed: processes on this machine, or the workers of a Dask scheduler.
 
-Samples in processes of their own: what crashes or takes too long becomes its row.
+Samples run in child processes: one that crashes or runs out of time gets a row that says so.
 """
 
 from __future__ import annotations
@@ -29,12 +29,12 @@ from graspless_pin.studies.sample_evaluation import Failure, evaluate_each, fail
 from graspless_pin.studies.study import Row, Study
 
 EvaluateSamples = Callable[..., Iterator[Row]]
-"""Yields the rows of samples: `evaluate_each`, or what takes the same arguments."""
+"""Yields the rows of samples: `evaluate_each` or a function with the same arguments."""
 
 _MESSAGE_PAUSE = 0.02
-"""Seconds between two messages of a process: each costs as much as a fast sample."""
+"""Least seconds between two messages of a process: each costs as much as a fast sample."""
 _PROCESSES_OF_A_SAMPLE = 2
-"""How many processes a sample may end: the first may have ended for another reason."""
+"""Crashes after which a sample is given up: the first may have had another reason."""
 
 
 def compute_in(
@@ -43,94 +43,95 @@ def compute_in(
     study: Study,
     samples: Sequence[tuple[int, Sample]],
 ) -> tuple[list[Row], float]:
-    """Compute samples in one process, which is replaced when it dies or has to be ended.
+    """Compute samples in one process, which is replaced when it crashes or runs out of time.
 
     Args:
-        processes: Where to take it from.
-        evaluation: What yields their rows.
+        processes: The pool to take it from.
+        evaluation: The function that yields the rows.
         study: The study.
         samples: Number and values of each sample.
 
     Returns:
-        The rows, and the seconds that they took; only the first rows once the processes were
-        stopped.
+        The rows, and the seconds that they took; not all rows if the processes were stopped.
 
     Raises:
-        StudyError: If processes do not start.
+        StudyError: If a process does not start.
     """
     limit = study.entry.compute.sample_time_limit
     pause = _MESSAGE_PAUSE if limit is None else 0.0
     rows: dict[int, Row] = {}
-    tries = 0
+    crashes = 0
 
-    def give_up(why: Failure, error: str) -> None:
+    def give_up(reason: Failure, error: str) -> None:
         number = next(number for number, _ in samples if number not in rows)
-        rows[number] = failure_row(number, why, error)
+        rows[number] = failure_row(number, reason, error)
 
-    child = _taken(processes)
+    child = _take_process(processes)
     begin = time.perf_counter()
     try:
         while len(rows) < len(samples) and not processes.stopped.is_set():
             if not child.is_running:
-                child = _taken(processes, child)
-            rest = _rest(study, samples, rows)
+                child = _take_process(processes, child)
+            unsent = _samples_to_send(study, samples, rows)
             try:
-                for more in child.iterate(_together, evaluation, study, rest, pause, limit=limit):
-                    new = {row["sample"]: row for row in more}
-                    tries = 0 if new.keys() - rows.keys() else tries
-                    rows = new | rows
+                for new_rows in child.iterate(
+                    _row_batches, evaluation, study, unsent, pause, limit=limit
+                ):
+                    new_by_number = {row["sample"]: row for row in new_rows}
+                    crashes = 0 if new_by_number.keys() - rows.keys() else crashes
+                    rows = new_by_number | rows
             except OverrunError as error:
                 give_up(Failure.OUT_OF_TIME, f"{error} (sample_time_limit)")
-                tries = 0
+                crashes = 0
             except CrashError as error:
                 if processes.stopped.is_set():
                     break
-                # Which of several it was shows where the next process sends them one by one.
-                tries += pause == 0.0
+                # Rows sent one by one tell which of several samples crashes the next process.
+                crashes += pause == 0.0
                 pause = 0.0
-                if tries == _PROCESSES_OF_A_SAMPLE:
+                if crashes == _PROCESSES_OF_A_SAMPLE:
                     give_up(Failure.CRASHED, f"{error}, and so was a second one")
-                    tries = 0
+                    crashes = 0
     finally:
         processes.give_back(child)
     return [*rows.values()], time.perf_counter() - begin
 
 
-def _rest(
+def _samples_to_send(
     study: Study, samples: Sequence[tuple[int, Sample]], rows: Mapping[int, Row]
 ) -> tuple[tuple[int, Sample], ...]:
-    """Return what has no row yet, and what it may learn from: of its block what came before."""
-    first = next(number for number, _ in samples if number not in rows)
+    """Return the samples from the block of the first one without a row on, without crashed ones."""
+    next_number = next(number for number, _ in samples if number not in rows)
     crashed = {number for number, row in rows.items() if row["status"] == Failure.CRASHED}
-    begin = first - first % study.block
-    return tuple([one for one in samples if one[0] >= begin and one[0] not in crashed])
+    start = next_number - next_number % study.block
+    return tuple([item for item in samples if item[0] >= start and item[0] not in crashed])
 
 
-def _together(
+def _row_batches(
     evaluation: EvaluateSamples,
     study: Study,
     samples: Sequence[tuple[int, Sample]],
     pause: float,
 ) -> Iterator[list[Row]]:
-    """Yield the rows that an evaluation yields, if they come fast, many at a time.
+    """Yield the rows of an evaluation in lists, with several rows each where they come fast.
 
-    A list is never longer than all before it together: so much is lost with a process at most.
+    No list is longer than all lists before it together, which bounds what a crash loses.
 
     Args:
-        evaluation: What yields rows.
+        evaluation: The function that yields the rows.
         study: The study.
         samples: Number and values of each sample.
-        pause: Least seconds between two lists; 0: each row comes alone.
+        pause: Least seconds between two lists; 0: one row in each list.
     """
     rows: list[Row] = []
-    sent, last = 1, time.perf_counter()
-    # Alone a row tells that its sample did not end the process.
+    sent_count, sent_at = 1, time.perf_counter()
+    # A row sent at once shows that its sample did not crash the process.
     for row in evaluation(study, samples, one_by_one=pause == 0.0):
         rows.append(row)
-        if len(rows) >= sent or time.perf_counter() - last >= pause:
+        if len(rows) >= sent_count or time.perf_counter() - sent_at >= pause:
             yield rows
-            sent += len(rows)
-            rows, last = [], time.perf_counter()
+            sent_count += len(rows)
+            rows, sent_at = [], time.perf_counter()
     if rows:
         yield rows
 
@@ -138,18 +139,17 @@ def _together(
 def compute_here(
     evaluation: EvaluateSamples, study: Study, samples: Sequence[tuple[int, Sample]]
 ) -> tuple[list[Row], float]:
-    """Compute samples as `compute_in` does, beside the worker of an executor that calls this.
+    """Compute samples as `compute_in` does, in a child process of an executor's worker.
 
-    The process that it needs is kept for further calls and ends when there have been none for a
-    minute.
+    The process is kept for further calls and ends after a minute without any.
     """
     return compute_in(kept_processes(), evaluation, study, samples)
 
 
-def _taken(processes: ChildProcesses, instead_of: ChildProcess | None = None) -> ChildProcess:
-    """Return a process that has loaded what evaluates samples."""
+def _take_process(processes: ChildProcesses, replaced: ChildProcess | None = None) -> ChildProcess:
+    """Return a process that has imported the evaluation of samples."""
     try:
-        return processes.taken(_together, instead_of)
+        return processes.taken(_row_batches, replaced)
     except CrashError as error:
         raise StudyError(str(error)) from None
 
@@ -159,9 +159,9 @@ class Workforce:
     """Where samples are computed.
 
     Attributes:
-        workers: How many chunks of samples it is kept busy with.
+        workers: Number of workers; each gets `_CHUNKS_OF_A_WORKER` chunks at a time.
         submit: Submits samples: called with `evaluate_each`, the study and the samples.
-        close: Ends it; what has not begun is dropped.
+        close: Ends the workers; samples that have not begun are dropped.
     """
 
     workers: int
@@ -170,7 +170,7 @@ class Workforce:
 
 
 def local_processes(workers: int) -> Workforce:
-    """Start processes on this machine, with one thread of linear algebra each: see `compute_in`.
+    """Start processes on this machine, each with one thread for linear algebra: see `compute_in`.
 
     Raises:
         StudyError: If they do not start.
@@ -179,15 +179,15 @@ def local_processes(workers: int) -> Workforce:
     threads = ThreadPoolExecutor(workers, thread_name_prefix="graspless-study")
 
     def start_one() -> None:
-        processes.give_back(_taken(processes))
+        processes.give_back(_take_process(processes))
 
     def close() -> None:
         processes.stop()
         threads.shutdown(wait=True, cancel_futures=True)
 
     try:
-        for ready in [threads.submit(start_one) for _ in range(workers)]:
-            ready.result()
+        for started in [threads.submit(start_one) for _ in range(workers)]:
+            started.result()
     except BaseException:
         close()
         raise
@@ -196,11 +196,11 @@ def local_processes(workers: int) -> Workforce:
 
 @contextmanager
 def dask_executor(address: str, timeout: float = 10.0) -> Iterator[tuple[Executor, int]]:
-    """Return an executor on the workers of a Dask scheduler, and how many threads they have in all.
+    """Return an executor on the workers of a Dask scheduler, and their total number of threads.
 
     Args:
-        address: Of the scheduler, e.g. ``tcp://10.0.0.5:8786``.
-        timeout: How long to wait for its answer, s.
+        address: Address of the scheduler, e.g. ``tcp://10.0.0.5:8786``.
+        timeout: Longest wait for its answer, s.
 
     Raises:
         StudyError: If Dask is not installed, or the scheduler does not answer or has no workers.
@@ -225,20 +225,20 @@ def dask_executor(address: str, timeout: float = 10.0) -> Iterator[tuple[Executo
 
 
 _CHUNK_SECONDS = 0.5
-"""How long a chunk should take: long beside the way to a worker, short beside a progress bar."""
+"""Intended duration of a chunk, s: long against its transfer, short for a progress bar."""
 _LARGEST_CHUNK = 4096
 _CHUNKS_OF_A_WORKER = 2
-"""Chunks a worker: one that it computes, and one that waits for it."""
+"""Chunks per worker: one that is computed, and one in the queue."""
 
 
 @dataclass(eq=False)
 class Dispatch:
-    """Sends chunks of samples to workers and keeps the rows that come back.
+    """Submits chunks of samples to workers and stores the rows that they return.
 
     Attributes:
-        study: The study, which may grow between two runs.
+        study: The study, which may get more samples between two runs.
         workforce: The workers.
-        keep: Takes rows.
+        keep: Stores rows.
     """
 
     study: Study
@@ -251,24 +251,24 @@ class Dispatch:
     _pace: float | None = None
 
     def run(self, missing: Iterator[int], count: int) -> None:
-        """Run until samples have their rows.
+        """Run until all given samples have a row.
 
         Args:
-            missing: Their numbers, ascending.
-            count: How many they are.
+            missing: Numbers of the samples, ascending.
+            count: How many samples.
 
         Raises:
-            StudyError: If workers are lost, or the study's record cannot keep a solution.
+            StudyError: If workers are lost, or the study's record cannot store a solution.
         """
         self._missing, self._remaining = missing, count
         while self._remaining or self._running:
-            self._send()
+            self._submit_chunks()
             done, _ = wait(self._running, return_when=FIRST_COMPLETED)
             for future in done:
-                self._receive(future)
+                self._keep_result(future)
 
     def close(self) -> None:
-        """Close the workers; keep the rows that they have ready."""
+        """Close the workers; store the rows of chunks that are complete."""
         uncancelled = [future for future in self._running if not future.cancel()]
         self.workforce.close()
         for future in uncancelled:
@@ -276,20 +276,20 @@ class Dispatch:
                 chunk = {*self._running[future]}
                 self.keep([row for row in future.result()[0] if row["sample"] in chunk])
 
-    def _send(self) -> None:
+    def _submit_chunks(self) -> None:
         while self._remaining and len(self._running) < _CHUNKS_OF_A_WORKER * self.workforce.workers:
-            chunk = self._chunk()
-            samples = [(number, self.study.samples[number]) for number in self._with_blocks(chunk)]
+            chunk = self._next_chunk()
+            samples = [(n, self.study.samples[n]) for n in self._with_predecessors(chunk)]
             try:
-                future = self.workforce.submit(evaluate_each, self._plan, samples)
+                future = self.workforce.submit(evaluate_each, self._study_without_samples, samples)
             except BrokenExecutor as error:
-                raise _lost(error) from error
+                raise _lost_worker_error(error) from error
             self._running[future] = chunk
 
-    def _chunk(self) -> list[int]:
-        """Take the next samples off the queue: whole blocks, as far as they are missing."""
-        block, size = self.study.block, self._size()
-        # One more than the longest chunk: it tells whether its block ends.
+    def _next_chunk(self) -> list[int]:
+        """Return the numbers of the next chunk: the missing samples of whole blocks."""
+        block, size = self.study.block, self._next_chunk_size()
+        # One number beyond the longest chunk tells whether its last block is complete.
         self._queue.extend(islice(self._missing, max(0, size + block - len(self._queue))))
         chunk: list[int] = []
         while self._queue and (len(chunk) < size or self._queue[0] // block == chunk[-1] // block):
@@ -297,39 +297,39 @@ class Dispatch:
         self._remaining -= len(chunk)
         return chunk
 
-    def _with_blocks(self, chunk: Sequence[int]) -> list[int]:
-        """Return samples and what they may learn from: those before them in their blocks."""
+    def _with_predecessors(self, chunk: Sequence[int]) -> list[int]:
+        """Return samples with those before them in their blocks, for their warm starts."""
         block = self.study.block
         last = {number // block: number for number in chunk}
         return [n for place, end in last.items() for n in range(place * block, end + 1)]
 
     @cached_property
-    def _plan(self) -> Study:
-        """The study as workers get it, with every chunk: without its samples."""
+    def _study_without_samples(self) -> Study:
+        """The study as it is sent with each chunk: without its samples."""
         return replace(self.study, samples=())
 
-    def _size(self) -> int:
-        """Return the next chunk's size: smaller toward the end, so that no worker ends late."""
+    def _next_chunk_size(self) -> int:
+        """Return the size of the next chunk: smaller toward the end, so that no worker is last."""
         if self._pace is None:
             return 1
         fair_share = self._remaining / (_CHUNKS_OF_A_WORKER * self.workforce.workers)
         return max(1, min(int(_CHUNK_SECONDS / self._pace), int(fair_share), _LARGEST_CHUNK))
 
-    def _receive(self, future: Future[Any]) -> None:
-        """Keep the rows of a future."""
+    def _keep_result(self, future: Future[Any]) -> None:
+        """Store the rows of a future, and update the seconds per sample."""
         chunk = {*self._running.pop(future)}
         try:
             rows, seconds = future.result()
         except StudyError:
             raise
         except Exception as error:
-            raise _lost(error) from error
+            raise _lost_worker_error(error) from error
         self.keep([row for row in rows if row["sample"] in chunk])
-        now = seconds / len(chunk)
-        self._pace = now if self._pace is None else 0.5 * (self._pace + now)
+        pace = seconds / len(chunk)
+        self._pace = pace if self._pace is None else 0.5 * (self._pace + pace)
 
 
-def _lost(error: Exception) -> StudyError:
+def _lost_worker_error(error: Exception) -> StudyError:
     return StudyError(
         f"a worker failed ({type(error).__name__}: {error}); the rows so far are kept: run "
         "the study again to go on"

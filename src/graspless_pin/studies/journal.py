@@ -1,11 +1,11 @@
-"""Rows on disk as they come, so that a study that is killed goes on where it stopped.
+"""The journal of a study: rows on disk as they come, so that a killed study can be resumed.
 
-The journal stands beside the output: the checksum of one JSON object and the object on each line,
-the study first, then the rows in the order in which they came, those that came together and have
-the same columns on one line: a list for each column. A last line without its end is what a killed
-run leaves, and is dropped. Any other line that does not fit its checksum is damage: the journal is
-refused. (SQLite would need checksums of its own, too: it has none for what it stores.) Rows stay on
-the disk: of each, the process keeps where its line begins.
+The journal is a file beside the output. Each line has a checksum and a JSON object: first the
+identity of the study, then the rows in the order of arrival. Rows that arrive together with the
+same columns are one line, with a list for each column. An incomplete last line is left by a killed
+run and dropped. Any other line with a wrong checksum is damage, and the journal is refused. (SQLite
+would need checksums, too: it has none for its data.) Rows stay on disk: in memory is, for each
+sample, where its line begins.
 """
 
 from __future__ import annotations
@@ -28,44 +28,44 @@ from graspless_pin.errors import StudyError
 from graspless_pin.studies.study import Row
 
 _SYNC_EVERY = 2.0
-"""Seconds between two times that the disk is waited for: a power failure costs no more."""
+"""Seconds between two fsync calls: the most that a power failure loses."""
 JOURNAL_FORMAT = 4
 _ROWS_OF_A_LINE = 64
 _LINES_KEPT = 64
-"""Lines that are kept while rows are read: what is read of a line in turn is parsed once."""
+"""Parsed lines that are cached while rows are read."""
 _CHECKSUM_DIGITS = 8
 _NOWHERE = -1
-"""Where the line of a sample begins that has none."""
+"""Offset that stands for a sample without a row."""
 
 _Columns = dict[str, list[Any]]
-"""Rows that have the same columns: each column's cells."""
+"""Cells by column, of rows with the same columns."""
 
 
 class Journal:
-    """The journal of one study, open and locked for this process alone.
+    """The journal of one study, open and locked by this process.
 
     Attributes:
         path: The file.
-        count: How many samples have a row, those of earlier runs included.
+        count: Number of samples with a row, from earlier runs, too.
     """
 
     def __init__(
         self, path: Path, identity: dict[str, Any], *, fresh: bool = False, overwrite: bool = False
     ) -> None:
-        """Open a journal, or begin one.
+        """Open the journal, or create it.
 
         Args:
             path: The file.
-            identity: What makes this study this study; the rows of another one are refused.
-            fresh: Whether to drop the rows of this study that are there.
-            overwrite: Whether to drop what is not of this study.
+            identity: What identifies the study; rows of another study are refused.
+            fresh: Whether to drop existing rows of this study.
+            overwrite: Whether to drop content that is not of this study.
 
         Raises:
-            StudyError: If the file cannot be written, another process writes it, or it holds the
-                rows of another study.
+            StudyError: If the file cannot be written, another process has locked it, or it holds
+                the rows of another study.
         """
         self.path = path
-        self._forget()
+        self._clear_index()
         try:
             self._file = path.open("ab+")
         except OSError as error:
@@ -73,52 +73,52 @@ class Journal:
                 f"{path}: cannot be written ({error.strerror}); choose another output"
             ) from None
         try:
-            self._begin(identity, fresh=fresh, overwrite=overwrite)
+            self._open_rows(identity, fresh=fresh, overwrite=overwrite)
         except BaseException:
             self._file.close()
             raise
 
-    def _forget(self) -> None:
-        """Begin with no rows."""
+    def _clear_index(self) -> None:
+        """Reset to no rows."""
         self.count = 0
         self._end = 0
         self._places = array("q")
         self._kinds: dict[tuple[str, ...], int] = {}
 
-    def _begin(self, identity: dict[str, Any], *, fresh: bool, overwrite: bool) -> None:
-        if not _locked(self._file):
+    def _open_rows(self, identity: dict[str, Any], *, fresh: bool, overwrite: bool) -> None:
+        if not _try_lock(self._file):
             raise StudyError(
                 f"{self.path}: another run writes it now; wait for its end, or choose another "
                 "output"
             )
         self._file.seek(0)
         try:
-            self._read(identity, fresh=fresh)
+            self._read_index(identity, fresh=fresh)
         except StudyError:
             if not overwrite:
                 raise
-            self._forget()
+            self._clear_index()
         self._file.truncate(self._end if self.count else 0)
         self._synced = time.monotonic()
         if not self.count:
-            first = _packed(identity)
-            self._write([first])
-            self._end = len(first)
+            first_line = _encode_line(identity)
+            self._write([first_line])
+            self._end = len(first_line)
             self.sync()
 
-    def _read(self, identity: dict[str, Any], *, fresh: bool) -> None:
-        """Find the rows of this study in a journal; none if it is empty or to be dropped."""
-        own = _packed(identity)
-        first = self._file.readline()
-        if first != own and own.startswith(first):
-            return  # it was killed when it began
-        found = _identity(first[:-1]) if first.endswith(b"\n") else None
-        if found is None:
+    def _read_index(self, identity: dict[str, Any], *, fresh: bool) -> None:
+        """Index the rows of this study in the file; none if it is empty, or with ``fresh``."""
+        own_line = _encode_line(identity)
+        first_line = self._file.readline()
+        if first_line != own_line and own_line.startswith(first_line):
+            return  # the run was killed while it wrote this line
+        stored = _study_identity(first_line[:-1]) if first_line.endswith(b"\n") else None
+        if stored is None:
             raise StudyError(
                 f"{self.path}: is no journal of a study, or its first line is damaged; choose "
                 "another output, or replace it (--overwrite)"
             )
-        differing = [key for key in identity if found.get(key) != identity[key]]
+        differing = [key for key in identity if stored.get(key) != identity[key]]
         if "fingerprint" in differing:
             raise StudyError(
                 f"{self.path}: holds the rows of another study, or of this one before it or its "
@@ -131,14 +131,14 @@ class Journal:
                 f"{self.path}: was begun with other versions of the libraries; begin anew "
                 "(--fresh), or choose another output"
             )
-        self._end = len(first)
+        self._end = len(first_line)
         for number, line in enumerate(self._file, start=2):
             if not line.endswith(b"\n"):
-                break  # what a killed run leaves
-            self._note(self._read_line(number, line[:-1]), len(line))
+                break  # incomplete: the run was killed
+            self._index_line(self._read_line(number, line[:-1]), len(line))
 
-    def _note(self, columns: _Columns, length: int) -> None:
-        """Keep where the line of rows begins, which is the last one."""
+    def _index_line(self, columns: _Columns, length: int) -> None:
+        """Store for the samples of the next line where it begins, and advance by its length."""
         places, samples = self._places, columns["sample"]
         first, last = min(samples), max(samples)
         if last >= len(places):
@@ -147,16 +147,16 @@ class Journal:
             self.count += places[sample] == _NOWHERE
             places[sample] = self._end
         self._end += length
-        kind = tuple(columns)
-        self._kinds[kind] = min(self._kinds.get(kind, first), first)
+        names = tuple(columns)
+        self._kinds[names] = min(self._kinds.get(names, first), first)
 
     def _read_line(self, number: int, line: bytes) -> _Columns:
-        """Return the rows of a line. Memory is taken for all samples before theirs."""
+        """Return the columns of a line; check samples, up to which the index takes memory."""
         try:
-            columns = _unpacked(line)
+            columns = _decode_line(line)
             samples = columns["sample"]
             fits = bool(samples) and all(
-                type(one) is int and 0 <= one < MOST_SAMPLES for one in samples
+                type(sample) is int and 0 <= sample < MOST_SAMPLES for sample in samples
             )
             fits = fits and all(len(cells) == len(samples) for cells in columns.values())
         except (ValueError, KeyError, TypeError):
@@ -174,12 +174,12 @@ class Journal:
 
     @property
     def columns(self) -> list[str]:
-        """What rows hold, in the order of the samples that have it first."""
+        """Names of all columns, in the order of the first samples that have them."""
         kinds = sorted(self._kinds, key=lambda kind: self._kinds[kind])
         return [*dict.fromkeys(name for kind in kinds for name in kind)]
 
     def rows(self, samples: Iterable[int]) -> Iterator[Row]:
-        """Read the rows of samples that have one, a line at a time.
+        """Yield the rows of samples, which all have one.
 
         Raises:
             StudyError: If the file has changed since it was opened.
@@ -191,7 +191,7 @@ class Journal:
             if line is None:
                 self._file.seek(place)
                 try:
-                    columns = _unpacked(self._file.readline()[:-1])
+                    columns = _decode_line(self._file.readline()[:-1])
                 except ValueError:
                     raise StudyError(f"{self.path}: was changed while it was in use") from None
                 rows = [
@@ -202,29 +202,29 @@ class Journal:
             yield line[sample]
 
     def append(self, rows: Iterable[Row]) -> None:
-        """Write rows."""
-        kinds: dict[tuple[str, ...], list[Row]] = {}
+        """Append rows, and fsync if the last time is long ago."""
+        by_columns: dict[tuple[str, ...], list[Row]] = {}
         for row in rows:
-            kinds.setdefault(tuple(row), []).append(row)
+            by_columns.setdefault(tuple(row), []).append(row)
         lines = []
-        for kind, alike in kinds.items():
-            for begin in range(0, len(alike), _ROWS_OF_A_LINE):
-                some = [row.values() for row in alike[begin : begin + _ROWS_OF_A_LINE]]
-                cells = map(list, zip(*some, strict=True))
-                columns = dict(zip(kind, cells, strict=True))
-                lines.append(_packed(columns))
-                self._note(columns, len(lines[-1]))
+        for names, same_columns in by_columns.items():
+            for start in range(0, len(same_columns), _ROWS_OF_A_LINE):
+                batch = [row.values() for row in same_columns[start : start + _ROWS_OF_A_LINE]]
+                cells = map(list, zip(*batch, strict=True))
+                columns = dict(zip(names, cells, strict=True))
+                lines.append(_encode_line(columns))
+                self._index_line(columns, len(lines[-1]))
         self._write(lines)
         if time.monotonic() - self._synced > _SYNC_EVERY:
             self.sync()
 
     def sync(self) -> None:
-        """Wait until all rows are on the disk."""
+        """Wait until all rows are on the disk (fsync)."""
         os.fsync(self._file.fileno())
         self._synced = time.monotonic()
 
     def close(self, *, remove: bool = False) -> None:
-        """Close the file; remove it where the table has all of it."""
+        """Close the file; with ``remove`` delete it, once the table has all rows."""
         if remove:
             self.path.unlink(missing_ok=True)
         else:
@@ -237,51 +237,51 @@ class Journal:
 
 
 def journal_of(output: Path) -> Path:
-    """Return the journal of an output."""
+    """Return the path of the journal of an output."""
     return output.with_name(f"{output.name}.journal")
 
 
 def discard(path: Path, fingerprint: str) -> None:
-    """Remove the journal that a finished run of a study may have left; others stay."""
+    """Delete a leftover journal of a finished study; journals of other studies stay."""
     try:
         with path.open("rb") as file:
-            found = _identity(file.readline().removesuffix(b"\n")) or {}
-            if found.get("fingerprint") == fingerprint and _locked(file):
+            identity = _study_identity(file.readline().removesuffix(b"\n")) or {}
+            if identity.get("fingerprint") == fingerprint and _try_lock(file):
                 path.unlink()
     except OSError:
         return
 
 
-def _packed(item: dict[str, Any]) -> bytes:
-    """Return a line with its end."""
-    return _line(json.dumps(item).encode()) + b"\n"
+def _encode_line(item: dict[str, Any]) -> bytes:
+    """Return the line of an object, with checksum and line end."""
+    return _with_checksum(json.dumps(item).encode()) + b"\n"
 
 
-def _line(text: bytes) -> bytes:
+def _with_checksum(text: bytes) -> bytes:
     return b"%0*x %s" % (_CHECKSUM_DIGITS, zlib.crc32(text), text)
 
 
-def _unpacked(line: bytes) -> dict[str, Any]:
-    """Return the object of a line without its end.
+def _decode_line(line: bytes) -> dict[str, Any]:
+    """Return the object of a line, which is given without its end.
 
     Raises:
-        ValueError: If it does not fit its checksum.
+        ValueError: If the checksum is wrong.
     """
     text = line[_CHECKSUM_DIGITS + 1 :]
-    if line != _line(text):
+    if line != _with_checksum(text):
         raise ValueError("it does not fit its checksum")
     return json.loads(text)
 
 
-def _identity(line: bytes) -> dict[str, Any] | None:
-    """Return what a journal's first line says of its study; None if it is none."""
+def _study_identity(line: bytes) -> dict[str, Any] | None:
+    """Return the identity in a journal's first line; None if it is no such line."""
     with suppress(ValueError):
-        return _unpacked(line)
+        return _decode_line(line)
     return None
 
 
-def _locked(file: IO[bytes]) -> bool:
-    """Take the lock of a file for this process, if nobody has it."""
+def _try_lock(file: IO[bytes]) -> bool:
+    """Lock a file for this process; return False if another process has locked it."""
     try:
         portalocker.lock(file, portalocker.LockFlags.EXCLUSIVE | portalocker.LockFlags.NON_BLOCKING)
     except portalocker.LockException:

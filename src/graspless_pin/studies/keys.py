@@ -1,4 +1,4 @@
-"""Keys that a study varies: changes of a scene's parsed YAML by dotted path, and their values."""
+"""Variables of a study: scene keys by dotted path, or displacements of bodies, and values."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ Sample = tuple[Any, ...]
 """The value of every variable."""
 VECTORS = ("gravity", "tangent_axes", "motion", "loads", "acceleration")
 MOVABLE = ("object", "supports", "hand", *VECTORS)
-"""Parts of a scene that `displace` reads and changes."""
+"""Top-level keys of a scene that `displace` reads and changes."""
 
 
 def displace(tree: Tree, entry: MoveEntry | TurnEntry, amount: float) -> None:
@@ -33,7 +33,7 @@ def displace(tree: Tree, entry: MoveEntry | TurnEntry, amount: float) -> None:
 
     The direction, or the axis, is in the world or in a body's frame.
     """
-    frame = np.eye(4) if entry.frame is None else _pose_of(next(_poses(tree, [entry.frame])))
+    frame = np.eye(4) if entry.frame is None else _pose_of(next(_pose_entries(tree, [entry.frame])))
     if isinstance(entry, MoveEntry):
         direction = np.asarray(entry.along, dtype=float) / np.linalg.norm(entry.along)
         T = rigid(frame[:3, :3] @ direction * amount)
@@ -42,30 +42,32 @@ def displace(tree: Tree, entry: MoveEntry | TurnEntry, amount: float) -> None:
         R = Rotation.from_rotvec(amount * axis).as_matrix()
         T_world_axis = frame @ rigid(entry.point)
         T = T_world_axis @ rigid(np.zeros(3), R) @ invert(T_world_axis)
-        for vectors, index in _vectors(tree, entry.what):
+        for vectors, index in _vector_entries(tree, entry.what):
             vectors[index] = (T[:3, :3] @ np.asarray(vectors[index], dtype=float)).tolist()
         accelerated = tree.get("acceleration") or {}
         if "acceleration" in entry.what and accelerated.get("at"):
             accelerated["at"] = transformed(T, np.asarray(accelerated["at"], dtype=float)).tolist()
-    for pose in _poses(tree, entry.what):
+    for pose in _pose_entries(tree, entry.what):
         moved = T @ _pose_of(pose)
         pose.clear()
         pose.update(position=moved[:3, 3].tolist(), matrix=moved[:3, :3].tolist())
 
 
 def check_bodies(tree: Tree, what: Sequence[str], frame: str | None, *, turns: bool) -> None:
-    """Refuse names of nothing in the scene, and bodies whose contacts are given.
+    """Refuse unknown names in a move or turn, and scenes with stated contacts.
 
     Raises:
-        StudyError: Naming what is known.
+        StudyError: Naming the known names.
     """
-    known = [*_bodies(tree), "all", *(VECTORS if turns else ())]
+    known = [*_pose_locations(tree), "all", *(VECTORS if turns else ())]
     for name in what:
         if name not in known:
             words = names_in_words(name, known)
             raise StudyError(f"what: {name!r} is nothing in the scene; {words}")
-    if frame is not None and frame not in _bodies(tree):
-        raise StudyError(f"frame: {frame!r} is no body; {names_in_words(frame, _bodies(tree))}")
+    if frame is not None and frame not in _pose_locations(tree):
+        raise StudyError(
+            f"frame: {frame!r} is no body; {names_in_words(frame, _pose_locations(tree))}"
+        )
     if tree.get("contacts") is not None:
         raise StudyError(
             "the scene gives its contacts, which would not move along; vary their positions, or "
@@ -73,59 +75,59 @@ def check_bodies(tree: Tree, what: Sequence[str], frame: str | None, *, turns: b
         )
 
 
-def _bodies(tree: Tree) -> dict[str, list[Location]]:
-    """Return the poses that belong to each name."""
-    item = tree["object"]
+def _pose_locations(tree: Tree) -> dict[str, list[Location]]:
+    """Return the locations of the poses of each body or group of bodies, by name."""
+    target = tree["object"]
     bodies: dict[str, list[Location]] = {"object": [("object", "pose")]}
-    bodies[item.get("name", "object")] = [("object", "pose")]
+    bodies[target.get("name", "object")] = [("object", "pose")]
     for index, support in enumerate(tree.get("supports") or []):
         bodies[support["name"]] = [("supports", index, "pose")]
     hand = tree.get("hand")
     if hand is not None:
         mounts = hand.get("mounts") or []
-        own = [("hand", "mounts", i, "base_pose") for i in range(len(mounts))]
-        bodies["hand"] = [*own] or [("hand", "base_pose")]
-        for mount, location in zip(mounts, own, strict=True):
+        mount_poses = [("hand", "mounts", i, "base_pose") for i in range(len(mounts))]
+        bodies["hand"] = [*mount_poses] or [("hand", "base_pose")]
+        for mount, location in zip(mounts, mount_poses, strict=True):
             bodies[mount["prefix"].rstrip("/")] = [location]
     return bodies
 
 
-def _poses(tree: Tree, what: Sequence[str]) -> Iterator[Tree]:
-    """Return the pose entries of bodies, each once; written out where the scene leaves them out."""
-    bodies = _bodies(tree)
+def _pose_entries(tree: Tree, what: Sequence[str]) -> Iterator[Tree]:
+    """Yield the pose entries of bodies, each once; an omitted one is added to the tree as empty."""
+    bodies = _pose_locations(tree)
     names = bodies if "all" in what else [name for name in what if name in bodies]
     for location in dict.fromkeys(location for name in names for location in bodies[name]):
-        holder: Any = tree
+        parent: Any = tree
         for part in location[:-1]:
-            holder = holder[part]
-        if holder.get(location[-1]) is None:
-            holder[location[-1]] = {}
-        yield holder[location[-1]]
+            parent = parent[part]
+        if parent.get(location[-1]) is None:
+            parent[location[-1]] = {}
+        yield parent[location[-1]]
 
 
-def _vectors(tree: Tree, what: Sequence[str]) -> Iterator[tuple[Any, Any]]:
-    """World-axes vectors that turn along, as a container and a place in it."""
-    everything = "all" in what
+def _vector_entries(tree: Tree, what: Sequence[str]) -> Iterator[tuple[Any, Any]]:
+    """Yield the vectors in world axes that a turn rotates: container, and key or index in it."""
+    all_bodies = "all" in what
     if "gravity" in what:
         tree.setdefault("gravity", [0.0, 0.0, -9.81])
         yield tree, "gravity"
-    if everything or "tangent_axes" in what:
+    if all_bodies or "tangent_axes" in what:
         axes = tree.get("tangent_axes") or []
         yield from ((axes, index) for index in range(len(axes)))
     if "loads" in what:
         for load in tree.get("loads") or []:
-            own = ("field",) if load.get("axes") == "object" else ("force", "moment", "field")
-            yield from ((load, name) for name in own if name in load)
+            names = ("field",) if load.get("axes") == "object" else ("force", "moment", "field")
+            yield from ((load, name) for name in names if name in load)
     if "acceleration" in what:
         acceleration = tree.get("acceleration") or {}
-        own = ("linear", "angular", "angular_velocity")
-        yield from ((acceleration, name) for name in own if name in acceleration)
+        names = ("linear", "angular", "angular_velocity")
+        yield from ((acceleration, name) for name in names if name in acceleration)
     motion = tree.get("motion") or {}
     twists = []
-    if everything or "motion" in what:
+    if all_bodies or "motion" in what:
         twists += [motion.get("object_twist"), (motion.get("hand") or {}).get("base_twist")]
     for support in tree.get("supports") or []:
-        if everything or support["name"] in what:
+        if all_bodies or support["name"] in what:
             twists.append(support.get("velocity"))
     for twist in filter(None, twists):
         yield from ((twist, part) for part in ("linear", "angular") if part in twist)
@@ -137,14 +139,14 @@ def _pose_of(entry: Tree) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class Variable:
-    """One thing that varies.
+    """A variable of a study.
 
     Attributes:
         name: Its name in the study.
-        entry: Its entry in the study.
+        entry: Its entry in the study file.
         unit: Unit of its values.
         targets: Scene keys that it sets, each with a factor and an offset (SI).
-        is_whole: Whether its values are whole numbers, as one of the keys needs them.
+        is_whole: Whether its values are whole numbers because one of the keys needs them.
     """
 
     name: str
@@ -155,7 +157,7 @@ class Variable:
 
     @property
     def column(self) -> str:
-        """Its column in the results: the name and the unit."""
+        """Name of its column in the results: the name and the unit."""
         return self.name + self.unit.suffix
 
     @property
@@ -165,26 +167,26 @@ class Variable:
 
     @property
     def grid_size(self) -> int:
-        """How many values it has on a grid."""
+        """Number of its values on a grid."""
         return (self.entry.steps or 1) if self.entry.values is None else len(self.entry.values)
 
-    def points(self) -> list[Any]:
+    def grid_values(self) -> list[Any]:
         """Return the values on a grid: those listed, or evenly spaced over the range."""
         if self.entry.values is not None:
             return list(self.entry.values)
         if self.is_whole:
-            return [round(value) for value in np.linspace(*self._range(), self.grid_size).tolist()]
-        return [self.at(u) for u in np.linspace(0.0, 1.0, self.grid_size).tolist()]
+            return [round(value) for value in np.linspace(*self._ends(), self.grid_size).tolist()]
+        return [self.value_at(u) for u in np.linspace(0.0, 1.0, self.grid_size).tolist()]
 
-    def at(self, share: float) -> Any:
+    def value_at(self, share: float) -> Any:
         """Return the value at a share in [0, 1] of the range, or of the list."""
         if self.entry.values is not None:
             values = list(self.entry.values)
             return values[min(int(share * len(values)), len(values) - 1)]
-        low, high = self._range()
+        low, high = self._ends()
         if share in (0.0, 1.0):
             return high if share else low
-        # Each whole number has the share of the range up to the next one.
+        # A whole number stands for the range from it up to the next one.
         top = high + 1 if self.is_whole else high
         value = low + share * (top - low)
         if self.entry.scale == "log":
@@ -192,11 +194,11 @@ class Variable:
         return min(int(value), high) if self.is_whole else float(value)
 
     def extremes(self) -> list[Any]:
-        """Values that a check should try: all that are listed, or the ends of the range."""
-        return self.points() if self.is_choice else list(dict.fromkeys(self._range()))
+        """Return the values to check: all listed ones, or the ends of the range."""
+        return self.grid_values() if self.is_choice else list(dict.fromkeys(self._ends()))
 
-    def placed(self, tree: Tree, value: Any) -> Tree:
-        """Return a scene with the variable's keys set."""
+    def with_value(self, tree: Tree, value: Any) -> Tree:
+        """Return a scene's tree with the variable's keys set."""
         if isinstance(self.entry.values, dict):
             value = self.entry.values[value]
         is_number = isinstance(value, int | float) and not isinstance(value, bool)
@@ -207,7 +209,7 @@ class Variable:
             tree = put(tree, location, number)
         return tree
 
-    def _range(self) -> tuple[float, float]:
+    def _ends(self) -> tuple[float, float]:
         assert self.entry.start is not None and self.entry.to is not None  # noqa: S101 - schema
         if self.is_whole:
             return int(self.entry.start), int(self.entry.to)
@@ -221,28 +223,28 @@ def make_variable(
     defaults: Tree,
     fail: Callable[..., GrasplessPinError],
 ) -> Variable:
-    """Resolve what a variable changes in a scene.
+    """Make a variable: resolve its scene keys and its unit.
 
     Args:
         name: Its name.
         entry: Its entry.
-        tree: The scene; what is left out above the variable's keys is put there.
-        defaults: The scene with every default written out.
+        tree: The scene; omitted parents of the variable's keys are added to it.
+        defaults: The scene with all defaults filled in.
         fail: Makes the error for a part of the entry.
 
     Raises:
         StudyError: If a key leads nowhere, a body is unknown or a unit does not fit.
     """
     for part in ("move", "turn"):
-        shift = getattr(entry, part)
-        if shift is not None:
+        displacement = getattr(entry, part)
+        if displacement is not None:
             _check_numbers(entry, part, fail)
             try:
-                check_bodies(tree, shift.what, shift.frame, turns=part == "turn")
+                check_bodies(tree, displacement.what, displacement.frame, turns=part == "turn")
             except StudyError as error:
                 raise fail(part, str(error)) from None
             kind = "length" if part == "move" else "angle"
-            return Variable(name, entry, _unit(entry, (kind,), fail), ())
+            return Variable(name, entry, _unit_of_values(entry, (kind,), fail), ())
     sets = entry.set or []
     keys = [(item.key, item.factor, item.offset) for item in sets] or [
         (entry.key or name, 1.0, 0.0)
@@ -255,35 +257,35 @@ def make_variable(
             raise fail("set" if sets else "key", str(error)) from None
     if any((factor, offset) != (1.0, 0.0) for _, factor, offset in keys):
         _check_numbers(entry, "set", fail)
-        return Variable(name, entry, _unit(entry, (), fail), tuple(targets))
+        return Variable(name, entry, _unit_of_values(entry, (), fail), tuple(targets))
     kinds = [kinds_of(location) for location, _, _ in targets]
-    shared = tuple(kind for kind in kinds[0] if all(kind in other for other in kinds))
+    shared = tuple(kind for kind in kinds[0] if all(kind in each for each in kinds))
     if not shared:
-        named = [f"{item[0]} ({' or '.join(k)})" for item, k in zip(keys, kinds, strict=True)]
+        named = [f"{item[0]} ({' or '.join(own)})" for item, own in zip(keys, kinds, strict=True)]
         listed = ", ".join(named)
         raise fail("set", f"its keys are measured in different units: {listed}; give factors")
     if entry.unit is not None and shared == (ANY,):
         for (key, *_), (location, *_) in zip(keys, targets, strict=True):
-            if unknown := unknown_key(tree, _model_of(location), location):
+            if unknown := unknown_key(tree, _schema_of(location), location):
                 raise fail("set" if sets else "key", f"{key}: {unknown}")
     offsets = [offset_key(location, UNITS.get(entry.unit or "")) for location, _, _ in targets]
     advice = next((f"; the key in {entry.unit} is uncertainty.{key}" for key in offsets if key), "")
-    unit, is_whole = _unit(entry, shared, fail, advice), entry.values is None
+    unit, is_whole = _unit_of_values(entry, shared, fail, advice), entry.values is None
     is_whole = is_whole and any(
-        is_whole_number(tree, _model_of(location), location) for location, _, _ in targets
+        is_whole_number(tree, _schema_of(location), location) for location, _, _ in targets
     )
     if is_whole:
-        _check_whole(entry, fail)
+        _check_whole_range(entry, fail)
     return Variable(name, entry, unit, tuple(targets), is_whole)
 
 
-def _model_of(location: Location) -> type[BaseModel]:
-    """Return by which schema a key is checked."""
+def _schema_of(location: Location) -> type[BaseModel]:
+    """Return the schema that a key belongs to."""
     return PosingEntry if location[0] in PosingEntry.model_fields else SceneEntry
 
 
-def _check_whole(entry: VariableEntry, fail: Callable[..., GrasplessPinError]) -> None:
-    """Refuse a range of whole numbers with ends or steps that are none."""
+def _check_whole_range(entry: VariableEntry, fail: Callable[..., GrasplessPinError]) -> None:
+    """Refuse ends or steps of a range that are not whole numbers."""
     start, to = entry.start or 0.0, entry.to or 0.0
     for part, value in (("from", start), ("to", to)):
         if value != int(value):
@@ -310,20 +312,20 @@ def _check_numbers(entry: VariableEntry, part: str, fail: Callable[..., Grasples
         raise fail("values", f"'{part}' needs numbers")
 
 
-def _unit(
+def _unit_of_values(
     entry: VariableEntry,
     kinds: tuple[str, ...],
     fail: Callable[..., GrasplessPinError],
     advice: str = "",
 ) -> Unit:
-    """Return the unit of the values: the one that is named, or the only SI unit that fits."""
+    """Return the unit of the values: the stated one, else the SI unit of the only kind."""
     if entry.unit is None:
         return SI_UNITS[kinds[0] if len(kinds) == 1 and _has_numbers(entry) else ANY]
     if not _has_numbers(entry):
         raise fail("unit", "goes with numbers only, and some of the values are none")
-    fitting = [known.name for known in UNITS.values() if not kinds or known.kind in kinds]
+    fitting = [unit.name for unit in UNITS.values() if not kinds or unit.kind in kinds]
     if entry.unit not in fitting:
-        what = " or ".join(kind or "plain numbers" for kind in kinds)
-        kind = f"unit of {what}" if what else "known unit"
+        kind_names = " or ".join(kind or "plain numbers" for kind in kinds)
+        kind = f"unit of {kind_names}" if kind_names else "known unit"
         raise fail("unit", f"{entry.unit!r} is no {kind}; needs {', '.join(fitting)}{advice}")
     return UNITS[entry.unit]

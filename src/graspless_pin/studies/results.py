@@ -1,4 +1,4 @@
-"""Tables of results: from the journal of a run to files; read back whole, in parts, in words."""
+"""Tables of results: written from the journal of a run; read whole, in parts or as a summary."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ _EXTREMES = {
     "max_torque_Nm": ("max |torque|", "N m"),
     "max_torque_N": ("max |force of a prismatic joint|", "N"),
 }
-"""Of the columns that a summary tells the extremes of: what they are, and their unit."""
+"""Columns whose extremes a summary has: their label and unit."""
 _ALWAYS = (*_COUNTS, FINDINGS, "reason", "error")
 _TYPES = {
     "found": "bool",
@@ -72,22 +72,22 @@ _TYPES = {
         "str",
     ),
 }  # fmt: skip
-"""Types of columns; all others hold numbers."""
+"""Types of columns; all others are float64."""
 _FORMATS = {".parquet": "parquet", ".pq": "parquet", ".csv": "csv"}
 _TABLE = FileKind("table of results", 64, StudyError)
 _ATTRS = "PANDAS_ATTRS"
-"""Where ``pandas.read_parquet`` finds ``DataFrame.attrs``."""
+"""Metadata key from which ``pandas.read_parquet`` restores ``DataFrame.attrs``."""
 CSV_MARK = f"# {KEY} "
-"""Begin of the first line of a CSV file."""
+"""Beginning of the first line of a CSV file."""
 PART_ROWS = 2**14
-"""Rows that are in memory at a time; a row group of Parquet."""
+"""Rows in memory at a time; the size of a row group in Parquet."""
 
 
 def require_tables() -> None:
     """Check that the libraries for tables are installed.
 
     Raises:
-        StudyError: Naming what to install.
+        StudyError: Naming the packages to install.
     """
     with optional_import("studies need pandas and pyarrow", "studies", StudyError):
         import pandas  # noqa: F401
@@ -109,7 +109,7 @@ def format_of(output: Path) -> str:
 
 
 def check_columns(study: Study) -> None:
-    """Refuse variables that are called like another column of the results.
+    """Refuse variables whose column has the name of another column of the results.
 
     Raises:
         StudyError: Naming the variable.
@@ -126,7 +126,7 @@ def check_columns(study: Study) -> None:
 
 
 def study_metadata(study: Study) -> dict[str, Any]:
-    """Return what is kept beside the rows: the study, its hash, seed and versions."""
+    """Return the metadata of a table: the study, its hash, seed and versions."""
     sampling = study.entry.sampling
     return {
         "study": study.name,
@@ -139,26 +139,26 @@ def study_metadata(study: Study) -> dict[str, Any]:
     }
 
 
-def _made_parts(study: Study, journal: Journal) -> Iterator[pd.DataFrame]:
-    """Yield the table of a study's rows in parts, in the order of its samples."""
-    seen = journal.columns
-    largest = [name for name in _LARGEST if name in seen] or _LARGEST[:1]
-    torques = [name for name in seen if name not in ("sample", *_FIRST, *_LARGEST, *_LAST)]
-    last = [name for name in _LAST if name in seen or name in _ALWAYS]
+def _table_parts(study: Study, journal: Journal) -> Iterator[pd.DataFrame]:
+    """Yield the table of a study in parts of `PART_ROWS` rows, in the order of its samples."""
+    columns = journal.columns
+    largest = [name for name in _LARGEST if name in columns] or _LARGEST[:1]
+    torques = [name for name in columns if name not in ("sample", *_FIRST, *_LARGEST, *_LAST)]
+    last = [name for name in _LAST if name in columns or name in _ALWAYS]
     names = [*_FIRST, *largest, *torques, *last]
     for begin in range(0, len(study.samples), PART_ROWS):
         numbers = range(len(study.samples))[begin : begin + PART_ROWS]
         rows = [*journal.rows(numbers)]
-        yield _part(study, numbers, {name: [row.get(name) for row in rows] for name in names})
+        yield _table_part(study, numbers, {name: [row.get(name) for row in rows] for name in names})
 
 
-def _part(study: Study, numbers: range, results: dict[str, list[Any]]) -> pd.DataFrame:
-    """Return a part of a table."""
+def _table_part(study: Study, numbers: range, results: dict[str, list[Any]]) -> pd.DataFrame:
+    """Return the part of a table with the given samples and result columns."""
     import pandas as pd
 
     columns: dict[str, Any] = {"sample": pd.Series(numbers, dtype="int64")}
-    varied = zip(*[study.samples[number] for number in numbers], strict=True)
-    for variable, values in zip(study.variables, varied, strict=True):
+    values_by_variable = zip(*[study.samples[number] for number in numbers], strict=True)
+    for variable, values in zip(study.variables, values_by_variable, strict=True):
         kind = pd.Series(variable.extremes()).dtype
         column = pd.Series(values, dtype=kind)
         columns[variable.column] = column.astype("str") if kind == "object" else column
@@ -168,7 +168,7 @@ def _part(study: Study, numbers: range, results: dict[str, list[Any]]) -> pd.Dat
 
 
 def write_results(study: Study, journal: Journal, output: Path) -> None:
-    """Write the table of all rows, part by part, beside its final name; then move it there.
+    """Write the table of all rows, part by part, to a draft that then gets the final name.
 
     Args:
         study: The study, whose samples all have a row.
@@ -181,7 +181,7 @@ def write_results(study: Study, journal: Journal, output: Path) -> None:
     write = _write_csv if format_of(output) == "csv" else _write_parquet
     try:
         with draft_of(output) as draft:
-            write(_made_parts(study, journal), study_metadata(study), draft)
+            write(_table_parts(study, journal), study_metadata(study), draft)
             with draft.open("rb") as written:
                 os.fsync(written.fileno())
     except OSError as error:
@@ -271,23 +271,23 @@ def results_parts(path: str | Path, columns: Sequence[str] | None = None) -> Ite
         ...         print(part["margin_N"].round(3).tolist())
         [1.65, 1.875]
     """
-    _, known = _about_and_columns(path)
+    _, existing = _about_and_columns(path)
     file = Path(path)
     names = None if columns is None else [*columns]
     for name in names or ():
-        if name not in known:
-            raise StudyError(f"{file}: has no column {name!r}; {names_in_words(name, known)}")
+        if name not in existing:
+            raise StudyError(f"{file}: has no column {name!r}; {names_in_words(name, existing)}")
     try:
         if format_of(file) == "csv":
             yield from _csv_parts(file, names)
         else:
             yield from _parquet_parts(file, names)
     except (OSError, ValueError, KeyError) as error:
-        raise _no_results(file, error) from None
+        raise _no_results_error(file, error) from None
 
 
 def results_about(path: str | Path) -> dict[str, Any]:
-    """Return what results say of their study: its entry, its hash, seed and versions.
+    """Return the metadata of results: the study's entry, its hash, seed and versions.
 
     Args:
         path: A Parquet or CSV file that `run_study` has written.
@@ -299,7 +299,7 @@ def results_about(path: str | Path) -> dict[str, Any]:
 
 
 def _about_and_columns(path: str | Path) -> tuple[dict[str, Any], list[str]]:
-    """Return what results say of their study, and the names of their columns."""
+    """Return the metadata of results, and the names of their columns."""
     require_tables()
     import pyarrow.parquet as pq
 
@@ -324,10 +324,10 @@ def _about_and_columns(path: str | Path) -> tuple[dict[str, Any], list[str]]:
         schema = pq.read_schema(file)
         return json.loads((schema.metadata or {})[KEY.encode()]), schema.names
     except (OSError, ValueError, KeyError) as error:
-        raise _no_results(file, error) from None
+        raise _no_results_error(file, error) from None
 
 
-def _no_results(file: Path, error: Exception) -> StudyError:
+def _no_results_error(file: Path, error: Exception) -> StudyError:
     return StudyError(f"{file}: holds no results of a study ({error})")
 
 
@@ -391,7 +391,7 @@ def results_summary(table: pd.DataFrame | str | Path) -> str:
     if isinstance(table, str | Path):
         parts = results_parts(table)
     statuses, count, found, serious, asked, served = Counter[str](), 0, 0, 0, 0, 0
-    named: dict[str, Any] = {}  # the rows that are told
+    shown: dict[str, Any] = {}  # by what the summary shows them for
     part: Any
     for part in parts:
         count += len(part)
@@ -401,54 +401,54 @@ def results_summary(table: pd.DataFrame | str | Path) -> str:
             asked += int(part["robust_found"].notna().sum())
             served += int(part["robust_found"].sum())
         has_findings = part[FINDINGS].notna() if FINDINGS in part else part["found"] & False
-        sound = part["found"] & ~has_findings
-        serious += int((part["found"] & ~sound).sum())
-        for column in [one for one in _EXTREMES if one in part]:
-            values = part.loc[sound, column].dropna()
+        is_sound = part["found"] & ~has_findings
+        serious += int((part["found"] & ~is_sound).sum())
+        for column in [key for key in _EXTREMES if key in part]:
+            values = part.loc[is_sound, column].dropna()
             if len(values):
-                for word, of, row in (
+                for word, choose, row in (
                     ("largest", max, part.loc[values.idxmax()]),
                     ("smallest", min, part.loc[values.idxmin()]),
                 ):
-                    # Of equal ones that of the first part.
-                    previous = named.get(f"{word} {column}", row)
-                    named[f"{word} {column}"] = of(previous, row, key=itemgetter(column))
-        for what, those in (
+                    # Of equal rows the one of the first part stays.
+                    previous = shown.get(f"{word} {column}", row)
+                    shown[f"{word} {column}"] = choose(previous, row, key=itemgetter(column))
+        for label, selected in (
             ("finding", has_findings),
             ("failure", part["status"].isin([*Failure])),
         ):
-            if those.any() and what not in named:
-                named[what] = part.loc[those.idxmax()]
-    unplaced, failures = statuses[NOT_PLACED], {why: statuses[why.value] for why in Failure}
+            if selected.any() and label not in shown:
+                shown[label] = part.loc[selected.idxmax()]
+    unplaced, failures = statuses[NOT_PLACED], {kind: statuses[kind.value] for kind in Failure}
     lines = [f"{count} {'samples' if count > 1 else 'sample'}: {found} found"]
     if serious:
         lines[0] += f" ({serious} of them with serious findings)"
     lines[0] += f", {count - found - unplaced - sum(failures.values())} infeasible"
     lines[0] += f", {unplaced} not placed" if unplaced else ""
-    for why, times in failures.items():
-        if times or why is Failure.FAILED:
-            lines[0] += f", {times} {why.value.replace('_', ' ')}"
+    for kind, number in failures.items():
+        if number or kind is Failure.FAILED:
+            lines[0] += f", {number} {kind.value.replace('_', ' ')}"
     if asked:
         lines.append(f"torques for all that is not known exactly: {served} of {asked} found")
-    for column, (what, unit) in _EXTREMES.items():
-        extremes = {word: named.get(f"{word} {column}") for word in ("largest", "smallest")}
+    for column, (label, unit) in _EXTREMES.items():
+        extremes = {word: shown.get(f"{word} {column}") for word in ("largest", "smallest")}
         figures = {f"{row[column]:.4g}" for row in extremes.values() if row is not None}
         if len(figures) == 1 and found - serious > 1:
             without = " without serious findings" if serious else ""
-            lines.append(f"{what} {figures.pop()} {unit} at all samples found{without}")
+            lines.append(f"{label} {figures.pop()} {unit} at all samples found{without}")
             continue
         for word, row in extremes.items():
             if row is not None:
                 names = row.index[1 : row.index.get_loc("status")]
-                values = ", ".join(f"{name} {_short(row[name])}" for name in names)
-                figure = f"{word} {what} {row[column]:.4g} {unit}"
+                values = ", ".join(f"{name} {_short_text(row[name])}" for name in names)
+                figure = f"{word} {label} {row[column]:.4g} {unit}"
                 lines.append(f"{figure} at sample {row['sample']}: {values}")
-    if (finding := named.get("finding")) is not None:
+    if (finding := shown.get("finding")) is not None:
         lines.append(f"first serious finding at sample {finding['sample']}: {finding[FINDINGS]}")
-    if (failure := named.get("failure")) is not None:
+    if (failure := shown.get("failure")) is not None:
         lines.append(f"first failure at sample {failure['sample']}: {failure['error']}")
     return "\n".join(lines)
 
 
-def _short(value: Any) -> str:
+def _short_text(value: Any) -> str:
     return f"{value:.4g}" if isinstance(value, float) else str(value)

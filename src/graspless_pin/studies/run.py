@@ -1,8 +1,8 @@
 """Run a study: samples to workers, rows to the journal, at the end one table.
 
-What is refused before anything runs: values that no scene can have, scenes without contact.
+Before the run values that no scene can have are refused, and scenes without contact.
 
-The rounds of a study: one, or as many as its samples are refined in.
+A study has one round of samples, or several where they are refined adaptively.
 """
 
 from __future__ import annotations
@@ -72,26 +72,26 @@ if TYPE_CHECKING:
 def rounds_of(
     study: Study, rows: Callable[[Iterable[int]], Iterator[Row]]
 ) -> Iterator[tuple[Study, range]]:
-    """Yield the study with its samples so far, and the numbers of those that are new in a round.
+    """Yield for each round the study with its samples so far, and the numbers of the new ones.
 
     Args:
         study: The study with the samples of its first round.
-        rows: Reads the rows of samples. They have them when the next round is asked for.
+        rows: Reads the rows of samples, which exist when the next round is asked for.
 
     Yields:
         The study and its new numbers.
     """
     border = study.entry.sampling.border or "found"
     outcomes: dict[str, int] = {}
-    known = array("q")
-    while len(known) < len(study.samples):
-        numbers = range(len(known), len(study.samples))
+    outcome_numbers = array("q")
+    while len(outcome_numbers) < len(study.samples):
+        numbers = range(len(outcome_numbers), len(study.samples))
         yield study, numbers
         if not isinstance(study.samples, AdaptiveSamples):
             return
         for row in rows(numbers):
-            known.append(outcomes.setdefault(str(row.get(border)), len(outcomes)))
-        samples = study.samples.refined(np.array(known))
+            outcome_numbers.append(outcomes.setdefault(str(row.get(border)), len(outcomes)))
+        samples = study.samples.refined(np.array(outcome_numbers))
         study = replace(study, samples=samples)
 
 
@@ -99,7 +99,7 @@ _MOST_SAMPLES_TRIED = 64
 
 
 def check_study(study: Study) -> None:
-    """Try a study out: the ends of every variable, and samples until one is a usable scene.
+    """Check a study: the extreme values of all variables, and samples until one can be computed.
 
     Raises:
         StudyError: If a value is one that its key cannot have, or none of up to 64 samples spread
@@ -109,78 +109,78 @@ def check_study(study: Study) -> None:
     for index, variable in enumerate(study.variables):
         for value in variable.extremes():
             sample = (*first[:index], value, *first[index + 1 :])
-            # Before bodies move: what is no pose cannot be moved.
+            # Before bodies move: an invalid pose cannot be moved.
             _check_values(study, variable.name, value, study.placed_at(sample))
     try:
         check_solver(study.tree_at(first)["solve"].get("solver", "auto"))
     except GrasplessPinError as error:
-        own = study.entry.compute.solver is not None
-        where = f"{study.source.path}: compute" if own else f"{study.scene.path}: solve"
+        is_own = study.entry.compute.solver is not None
+        where = f"{study.source.path}: compute" if is_own else f"{study.scene.path}: solve"
         raise StudyError(f"{where}.{error}") from None
     _check_any_touches(study)
 
 
 def _check_values(study: Study, name: str, value: object, tree: Tree) -> None:
-    of_scene, own = scene_and_posing(tree)
+    scene_tree, posing_tree = scene_and_posing(tree)
     try:
-        validated(replace(study.scene, data=of_scene), SceneEntry)
-        validated(replace(study.source, data=own), PosingEntry)
+        validated(replace(study.scene, data=scene_tree), SceneEntry)
+        validated(replace(study.source, data=posing_tree), PosingEntry)
     except (SceneError, StudyError) as error:
         raise study.source.error(("vary", name), f"at {value!r}: {error}") from None
 
 
 def _check_any_touches(study: Study) -> None:
     count = len(study.samples)
-    spread: list[int] = (
+    numbers: list[int] = (
         np.linspace(0, count - 1, min(count, _MOST_SAMPLES_TRIED)).round().astype(int).tolist()
     )
     parts = SampleParts()
     failure: tuple[Sample, GrasplessPinError] | None = None
-    for number in dict.fromkeys(spread):
+    for number in dict.fromkeys(numbers):
         sample = study.samples[number]
         try:
-            _try_out(study, sample, parts)
+            _check_sample(study, sample, parts)
         except StudyError:
             raise
         except GrasplessPinError as error:
             failure = failure or (sample, error)
-        except Exception:  # the sample's row will tell
+        except Exception:  # reported in the sample's row
             return
         else:
             return
     if failure is not None:
-        fault = _fault_of_one(study, failure[0])
-        if fault is not None:
-            raise fault from failure[1]
+        variable_error = _single_variable_error(study, failure[0])
+        if variable_error is not None:
+            raise variable_error from failure[1]
         names = [variable.column for variable in study.variables]
         values = ", ".join(f"{n} = {v!r}" for n, v in zip(names, failure[0], strict=True))
-        tried = "the only sample" if count == 1 else f"none of {len({*spread})} samples"
+        checked = "the only sample" if count == 1 else f"none of {len({*numbers})} samples"
         verb = "cannot" if count == 1 else "can"
         raise StudyError(
-            f"{study.source.path}: {tried} {verb} be computed; with {values}: {failure[1]}"
+            f"{study.source.path}: {checked} {verb} be computed; with {values}: {failure[1]}"
         )
 
 
-def _try_out(study: Study, sample: Sample, parts: SampleParts) -> None:
-    """Make a sample's problem; where the hand is placed, of one candidate.
+def _check_sample(study: Study, sample: Sample, parts: SampleParts) -> None:
+    """Make a sample's problem, or, where the study places the hand, try one candidate.
 
     Raises:
-        GrasplessPinError: If there is none.
+        GrasplessPinError: If that fails.
     """
     if study.entry.place is None:
         study.scene_at(sample, parts).problem()
         return
     scene, tree = study.unposed_at(sample, parts), study.tree_at(sample)
     with study.source.at(("place",)):
-        # One candidate meets all that could be wrong with the options.
+        # One candidate is enough to check the options.
         place = posing_of(scene, tree).place or study.entry.place
         placement_of(scene, place.model_copy(update={"candidates": 1, "verdict_nodes": 0}))
 
 
-def _fault_of_one(study: Study, sample: Sample) -> GrasplessPinError | None:
-    """Return the error of the variable that sets what no scene is made of, such as an unknown name.
+def _single_variable_error(study: Study, sample: Sample) -> GrasplessPinError | None:
+    """Return the error of the variable whose value alone makes the scene invalid.
 
-    None where the scene is no better without it, or the values do not do together.
+    None if the scene is invalid without it, too, or only a combination of values is.
     """
 
     def error_of(tree: Tree) -> GrasplessPinError | None:
@@ -191,17 +191,17 @@ def _fault_of_one(study: Study, sample: Sample) -> GrasplessPinError | None:
             return error
         return None
 
-    base = study.scene.data
-    if error_of(base) is not None:
+    tree = study.scene.data
+    if error_of(tree) is not None:
         return None
     for variable, value in zip(study.variables, sample, strict=True):
-        if error := error_of(variable.placed(base, value)):
+        if error := error_of(variable.with_value(tree, value)):
             return study.source.error(("vary", variable.name), f"at {value!r}: {error}")
     return None
 
 
 _LONGEST_NAME = 220
-"""Bytes of an output's name; its journal and draft have longer ones, and 255 is the end."""
+"""Most bytes of an output's name; those of journal and draft are longer, with a limit of 255."""
 
 
 def run_study(
@@ -299,7 +299,7 @@ def compute_study(
     require_tables()
     file = Path(output)
     format_of(file)
-    _check_name(file)
+    _check_output_name(file)
     check_columns(study)
     count = whole_number("workers", usable_cores() if workers is None else workers, 1)
     journal_file = journal_of(file)
@@ -308,28 +308,28 @@ def compute_study(
             discard(journal_file, study.fingerprint)
             remove_stale_drafts(file)
             if progress:
-                _notice(f"{file} is complete: nothing is left to compute (--fresh begins anew)")
+                _print_line(f"{file} is complete: nothing is left to compute (--fresh begins anew)")
             return
     elif file.is_file() and not overwrite:
-        _check_own(study, file)
+        _own_metadata(study, file)
     _check_folder(file)
     check_study(study)
     identity = {"format": JOURNAL_FORMAT, "fingerprint": study.fingerprint, "versions": versions()}
     journal = Journal(journal_file, identity, fresh=fresh, overwrite=overwrite)
     complete = False
     try:
-        whole = _computed(study, journal, executor, count, progress=progress)
-        write_results(whole, journal, file)
+        computed = _compute_all_rounds(study, journal, executor, count, progress=progress)
+        write_results(computed, journal, file)
         complete = True
     finally:
         journal.close(remove=complete)
 
 
-def _unrecorded(study: Study, rows: Iterable[Row]) -> set[int]:
-    """Return samples with a solution that the study's record lacks; without a record: none."""
+def _unrecorded_samples(study: Study, rows: Iterable[Row]) -> set[int]:
+    """Return the numbers of samples with a solution that is missing in the study's record."""
     if study.record is None:
         return set()
-    failures = {*(why.value for why in Failure), NOT_PLACED}
+    failures = {*(failure.value for failure in Failure), NOT_PLACED}
     return {
         row["sample"]
         for row in rows
@@ -337,8 +337,8 @@ def _unrecorded(study: Study, rows: Iterable[Row]) -> set[int]:
     }
 
 
-def _check_name(file: Path) -> None:
-    """Refuse a name that leaves no room for the names of journal and draft."""
+def _check_output_name(file: Path) -> None:
+    """Refuse a name that is too long for the names of journal and draft, or invalid."""
     length = len(os.fsencode(file.name))
     if length > _LONGEST_NAME:
         raise StudyError(
@@ -361,8 +361,8 @@ def _check_folder(file: Path) -> None:
         raise StudyError(f"{file}: its folder cannot be written to; choose another output")
 
 
-def _check_own(study: Study, file: Path) -> dict[str, Any]:
-    """Return what a file says of its study, which has to be this one."""
+def _own_metadata(study: Study, file: Path) -> dict[str, Any]:
+    """Return the metadata of a table; refuse a table of another study."""
     try:
         about = results_about(file)
     except StudyError as error:
@@ -377,11 +377,11 @@ def _check_own(study: Study, file: Path) -> dict[str, Any]:
 
 
 def _is_finished(study: Study, file: Path, *, overwrite: bool, goes_on: bool) -> bool:
-    """Return whether the output is already complete; refuse another study's output."""
+    """Return whether the output is complete already; refuse the output of another study."""
     if not file.is_file():
         return False
     try:
-        about = _check_own(study, file)
+        about = _own_metadata(study, file)
     except StudyError:
         if overwrite:
             return False
@@ -394,15 +394,17 @@ def _is_finished(study: Study, file: Path, *, overwrite: bool, goes_on: bool) ->
             "compute it again (--fresh), or choose another output"
         )
     parts = results_parts(file, ["sample", "status"])
-    return not _unrecorded(study, (row for part in parts for row in part.to_dict("records")))
+    return not _unrecorded_samples(
+        study, (row for part in parts for row in part.to_dict("records"))
+    )
 
 
-def _computed(
+def _compute_all_rounds(
     study: Study, journal: Journal, executor: Executor | None, count: int, *, progress: bool
 ) -> Study:
-    """Return the study with the samples of all rounds, each of which has its row then."""
+    """Compute the samples of all rounds into the journal; return the study with all of them."""
     if progress and journal.count:
-        _notice(f"goes on: {journal.count} samples are there from an earlier run")
+        _print_line(f"goes on: {journal.count} samples are there from an earlier run")
     dispatch: Dispatch | None = None
     with _progress_bar(progress) as bar, ExitStack() as stack:
         task = bar.add_task(study.name, total=len(study.samples))
@@ -411,26 +413,26 @@ def _computed(
             journal.append(rows)
             bar.advance(task, len(rows))
 
-        for grown, numbers in rounds_of(study, journal.rows):
-            study = grown
-            again = _unrecorded(study, journal.rows(n for n in numbers if n in journal))
+        for round_study, numbers in rounds_of(study, journal.rows):
+            study = round_study
+            again = _unrecorded_samples(study, journal.rows(n for n in numbers if n in journal))
             remaining = sum(n not in journal for n in numbers) + len(again)
             bar.update(task, total=numbers.stop)
             bar.advance(task, len(numbers) - remaining)
             if not remaining:
                 continue
             if dispatch is None:
-                dispatch = Dispatch(study, _workforce(study, executor, count, remaining), keep)
+                dispatch = Dispatch(study, _workers(study, executor, count, remaining), keep)
                 stack.callback(dispatch.close)
             dispatch.study = study
             dispatch.run((n for n in numbers if n not in journal or n in again), remaining)
     return study
 
 
-def _workforce(study: Study, executor: Executor | None, count: int, remaining: int) -> Workforce:
-    """Return the workers; no more processes than samples are left, unless there may come more.
+def _workers(study: Study, executor: Executor | None, count: int, remaining: int) -> Workforce:
+    """Return the workers: local processes, no more than missing samples unless it is adaptive.
 
-    Somebody else's executor stays open.
+    A given executor is used instead, and is not closed.
     """
     if executor is not None:
         return Workforce(count, partial(executor.submit, compute_here), lambda: None)
@@ -438,7 +440,7 @@ def _workforce(study: Study, executor: Executor | None, count: int, remaining: i
 
 
 def _progress_bar(shown: bool) -> Progress:
-    """Return a bar with the samples done, the time so far and the time left."""
+    """Return a progress bar with samples done, elapsed time and time left."""
     return Progress(
         TextColumn("{task.description}"),
         BarColumn(),
@@ -451,6 +453,6 @@ def _progress_bar(shown: bool) -> Progress:
     )
 
 
-def _notice(text: str) -> None:
-    """Print one line."""
+def _print_line(text: str) -> None:
+    """Print a line on standard error."""
     Console(stderr=True).print(text, markup=False, highlight=False, soft_wrap=True)

@@ -1,4 +1,4 @@
-"""What a worker does: from the values of a sample to a row of results, and what stands in one."""
+"""Evaluation of samples: from the values of the variables to a row of results."""
 
 from __future__ import annotations
 
@@ -38,32 +38,32 @@ from graspless_pin.studies.keys import Sample
 from graspless_pin.studies.study import Row, SampleParts, Study
 
 LARGEST_TORQUE = "max_torque_"
-"""Begin of the names of columns with the largest |torque| of the joints of one unit."""
+"""Beginning of the names of columns of the largest |torque| of joints with the same unit."""
 _SUFFIXES = {unit: unit.replace(" ", "") for unit in JointUnit}
-"""What ends the name of a column, by unit."""
+"""End of a column's name, by unit."""
 
 
 OBJECTIVE_VALUE = "objective_value"
-"""Name of the column of the optimum of an objective that is none of Algorithms 1 and 2."""
+"""Column of the optimal value of an objective other than Algorithms 1 and 2."""
 ROBUST_COLUMNS = (
     "robust_status", "robust_found", "robust_coverage", "robust_margin_N",
     f"robust_{LARGEST_TORQUE}Nm", f"robust_{LARGEST_TORQUE}N", "robust_sampled_share",
 )  # fmt: skip
-"""Names of the columns of torques for all that is not known of a scene."""
+"""Columns of torques that serve the whole set of a scene's uncertainty."""
 FINDINGS = "findings"
-"""Name of the column of serious findings; empty without any."""
+"""Column of the codes of serious findings; empty without any."""
 
 
-class _Kind(NamedTuple):
-    """What samples share that one loop solves.
+class _LoopKind(NamedTuple):
+    """What samples have in common that one compiled loop solves.
 
     Attributes:
         state: Contacts and joints.
-        rubbing: Bytes of which contacts have friction.
+        rubbing: (M,) whether each contact has friction, as bytes.
         cone: See `Scene`.
         cone_edges: Likewise.
-        objective: What is optimised.
-        options: How.
+        objective: The objective.
+        options: Options of the search.
     """
 
     state: JointedContacts
@@ -75,17 +75,17 @@ class _Kind(NamedTuple):
 
 
 class StatedSample(NamedTuple):
-    """A sample's problem, as loops take it.
+    """A sample's problem in the form for compiled loops.
 
     Attributes:
         scene: Its scene.
-        kind: What it shares with others.
+        kind: What it has in common with others.
         loads: See `Loads.row`.
         findings: See `state_findings`.
     """
 
     scene: Scene
-    kind: _Kind
+    kind: _LoopKind
     loads: FloatArray
     findings: tuple[Finding, ...]
 
@@ -95,8 +95,8 @@ def stated_sample(scene: Scene, checks: StateChecks, before: StatedSample | None
 
     Args:
         scene: Its scene.
-        checks: Which findings are looked for.
-        before: Another sample; what it has and this one shares is not made again.
+        checks: Which findings to look for.
+        before: Another sample, whose data are reused where they are the same; None: no other.
 
     Raises:
         SceneError: If the scene has no problem.
@@ -105,100 +105,102 @@ def stated_sample(scene: Scene, checks: StateChecks, before: StatedSample | None
         row = renewed_row(scene, before.kind.state, before.scene, before.loads)
         if row is not None:
             rubbing = (row[: len(before.kind.state.positions)] > 0.0).tobytes()
-            same = rubbing == before.kind.rubbing
-            kind = before.kind if same else before.kind._replace(rubbing=rubbing)
+            is_same = rubbing == before.kind.rubbing
+            kind = before.kind if is_same else before.kind._replace(rubbing=rubbing)
             return StatedSample(scene, kind, row, before.findings)
     state = jointed_contacts(scene)
     loads = loads_of(scene, state)
     rubbing = (loads.friction > 0.0).tobytes()
-    kind = _Kind(state, rubbing, scene.cone, scene.cone_edges, *scene.asked())
+    kind = _LoopKind(state, rubbing, scene.cone, scene.cone_edges, *scene.asked())
     return StatedSample(scene, kind, loads.row(), state_findings(scene, checks))
 
 
 class SampleBlock:
-    """Samples that begin with what was learned of those before them in their block.
+    """A block of samples; each search starts warm from earlier samples of the block.
 
-    Whether a sample runs in a loop depends on those before it alone, and so does its row.
+    Whether a sample runs in a loop, and its row, depend on earlier samples of the block only.
     """
 
     def __init__(self, study: Study) -> None:
-        """Begin with nothing learned of a study's samples."""
+        """Begin without warm starts."""
         self._study = study
         self._starts = StartsByContacts()
-        self._kind: _Kind | None = None
+        self._kind: _LoopKind | None = None
         self._run: list[tuple[int, StatedSample]] = []
         self._optima: dict[tuple[Any, ...], LoadSweep] = {}
 
     def rows(self, number: int, stated: StatedSample) -> Iterator[Row]:
-        """Take the next sample, and yield the rows that are ready then.
+        """Add the next sample, and yield the rows that are ready by then.
 
         Args:
             number: Its number.
-            stated: What `stated_sample` returns of its scene.
+            stated: What `stated_sample` returns for its scene.
         """
-        kind, last = stated.kind, self._kind
-        if kind is not last and (
-            last is None or kind.state is not last.state or kind[1:] != last[1:]
+        kind, current = stated.kind, self._kind
+        if kind is not current and (
+            current is None or kind.state is not current.state or kind[1:] != current[1:]
         ):
-            yield from self.rest()
-        if kind is last or are_for(CONE_MODELS[kind.cone], kind.objective, kind.options):
+            yield from self.finish()
+        if kind is current or are_for(CONE_MODELS[kind.cone], kind.objective, kind.options):
             self._kind = kind
             self._run.append((number, stated))
         else:
-            yield self._alone(number, stated)
+            yield self._row_by_search(number, stated)
 
-    def _alone(self, number: int, stated: StatedSample) -> Row:
+    def _row_by_search(self, number: int, stated: StatedSample) -> Row:
         return _row(self._study, number, stated.scene, stated.findings, self._starts)
 
-    def rest(self) -> Iterator[Row]:
-        """Yield the rows of the samples that have none yet."""
-        run, kind = self._run, self._kind
-        if not run or kind is None:
+    def finish(self) -> Iterator[Row]:
+        """Yield the rows of the pending samples."""
+        pending, kind = self._run, self._kind
+        if not pending or kind is None:
             return
         self._run = []
         try:
-            rows = [*self._looped(run, kind)]
-        except Exception as error:  # which sample it was, each in a run of its own tells
-            if len(run) == 1 or isinstance(error, StudyError):
-                rows = [_failed(self._study, run[0][0], error)]
+            rows = [*self._rows_by_loop(pending, kind)]
+        except Exception as error:  # runs of one sample each tell which one it was
+            if len(pending) == 1 or isinstance(error, StudyError):
+                rows = [_failed_row(self._study, pending[0][0], error)]
             else:
                 rows = []
-                for one in run:
-                    self._run = [one]
-                    rows += self.rest()
+                for item in pending:
+                    self._run = [item]
+                    rows += self.finish()
         yield from rows
 
-    def _looped(self, run: Sequence[tuple[int, StatedSample]], kind: _Kind) -> Iterator[Row]:
-        """Yield the rows of samples of one kind."""
+    def _rows_by_loop(
+        self, run: Sequence[tuple[int, StatedSample]], kind: _LoopKind
+    ) -> Iterator[Row]:
+        """Yield the rows of samples of one kind: by the loop, and by a search where it stops."""
         problem = problem_at(run[0][1].scene, kind.state)
         joints = kind.state.joints
         bodies = kind.options.rules, *kind.state.contacts.bodies
-        optima, columns = self._optima_of(kind, problem), torque_columns(joints.names, joints.units)
+        optima, columns = self._sweep_of(kind, problem), torque_columns(joints.names, joints.units)
         loads, count = np.array([stated.loads for _, stated in run]), len(run)
         figures, torques = np.empty((count, 6)), np.empty((count, problem.joint_count))
-        begin = 0
+        start = 0
         starts = self._starts.for_contacts(bodies, problem, kind.objective)
-        while begin < count:
+        while start < count:
             optima.learn(problem, starts.best)
-            end = optima.advance(problem, loads, begin, figures, torques)
-            margins, found = figures[begin:end, 0].tolist(), torques[begin:end].tolist()
-            of_run = zip(run[begin:end], margins, found, strict=True)
-            for (number, stated), margin, each in of_run:
+            end = optima.advance(problem, loads, start, figures, torques)
+            margins, optimal_torques = figures[start:end, 0].tolist(), torques[start:end].tolist()
+            solved = zip(run[start:end], margins, optimal_torques, strict=True)
+            for (number, stated), margin, own_torques in solved:
                 yield {
                     "sample": number,
                     "status": Status.OPTIMAL.name.lower(),
                     "found": True,
-                    **columns.values(margin, each),
+                    **columns.values(margin, own_torques),
                     "contacts": problem.contact_count,
                     "nodes": 1,
-                    **of_findings(stated.scene, stated.findings),
+                    **finding_columns(stated.scene, stated.findings),
                 }
             if end < count:
-                yield self._alone(*run[end])
-            begin = end + 1
+                yield self._row_by_search(*run[end])
+            start = end + 1
 
-    def _optima_of(self, kind: _Kind, problem: QuasistaticProblem) -> LoadSweep:
-        """Return what was learned in loops of these contacts, wherever they are."""
+    def _sweep_of(self, kind: _LoopKind, problem: QuasistaticProblem) -> LoadSweep:
+        """Return the optima that loops learned for these bodies in contact, cached."""
         shape = problem.is_sliding.tobytes(), problem.joint_count
         key = *kind[1:], kind.state.contacts.bodies, *shape
         if key not in self._optima:
@@ -207,12 +209,12 @@ class SampleBlock:
 
 
 class Failure(StrEnum):
-    """Why a sample has no result: beside `Status`, what its column ``status`` may hold."""
+    """Why a sample has no result: values of the column ``status`` in addition to `Status`."""
 
     FAILED = "failed"
-    """Its scene cannot be used, or something raised an error."""
+    """Its scene is invalid, or the evaluation raised an error."""
     CRASHED = "crashed"
-    """The process that computed it died, and so did a second one."""
+    """The process that computed it crashed, and so did a second one."""
     OUT_OF_TIME = "out_of_time"
     """It took longer than the study's ``sample_time_limit``."""
 
@@ -220,71 +222,71 @@ class Failure(StrEnum):
 def evaluate_each(
     study: Study, samples: Sequence[tuple[int, Sample]], *, one_by_one: bool = False
 ) -> Iterator[Row]:
-    """Evaluate samples in this process; robots that an earlier call has read are kept.
+    """Evaluate samples in this process; robots are cached from call to call.
 
-    What was learned of a sample serves in those after it in its block.
+    Samples of a block start warm from earlier ones of it.
 
     Args:
         study: The study.
-        samples: Number and values of each sample; of each block all from its beginning.
-        one_by_one: Whether each row comes before the next sample is begun. It changes no row.
+        samples: Number and values of each sample; of each block all from its beginning on.
+        one_by_one: Whether each row is yielded before the next sample begins. Rows stay the same.
 
     Yields:
         The row of each.
 
     Raises:
-        StudyError: If the study's record cannot keep a solution.
+        StudyError: If the study's record cannot store a solution.
     """
-    of_hands: dict[int, Row] = {}
-    for row in _evaluated(study, samples, of_hands, one_by_one=one_by_one):
-        of_hand = of_hands.pop(row["sample"], None)
-        yield row | of_hand if of_hand else row
+    hand_columns: dict[int, Row] = {}
+    for row in _evaluate_in_blocks(study, samples, hand_columns, one_by_one=one_by_one):
+        own_columns = hand_columns.pop(row["sample"], None)
+        yield row | own_columns if own_columns else row
 
 
-def _evaluated(
+def _evaluate_in_blocks(
     study: Study,
     samples: Sequence[tuple[int, Sample]],
-    of_hands: dict[int, Row],
+    hand_columns: dict[int, Row],
     *,
     one_by_one: bool,
 ) -> Iterator[Row]:
-    """Yield the rows of `evaluate_each`; what they tell of where hands went is put beside them."""
-    parts, compute = _parts_of(study.fingerprint), study.entry.compute
-    asked = compute.verdict or compute.mode or compute.force_bounds or compute.disturbance_margin
-    alone = study.block == 1 or study.record is not None or asked or compute.minimum_friction
-    at, block, starts = None, SampleBlock(study), None
+    """Yield the rows of `evaluate_each` without those on the hand's place, put in hand_columns."""
+    parts, compute = _shared_parts(study.fingerprint), study.entry.compute
+    analysed = compute.verdict or compute.mode or compute.force_bounds or compute.disturbance_margin
+    single = study.block == 1 or study.record is not None or analysed or compute.minimum_friction
+    current, block, starts = None, SampleBlock(study), None
     checks = StateChecks(compute.collisions, compute.need_hand)
     stated: StatedSample | None = None
     for number, sample in samples:
-        if study.block > 1 and number // study.block != at:
-            yield from block.rest()
-            at, block, starts = number // study.block, SampleBlock(study), StartsByContacts()
+        if study.block > 1 and number // study.block != current:
+            yield from block.finish()
+            current, block, starts = number // study.block, SampleBlock(study), StartsByContacts()
         try:
-            scene, of_hands[number] = study.posed_at(sample, parts)
-            apart = alone or (scene is not None and scene.uncertainty is not None)
-            found = state_findings(scene, checks) if apart and scene is not None else ()
+            scene, hand_columns[number] = study.posed_at(sample, parts)
+            is_separate = single or (scene is not None and scene.uncertainty is not None)
+            found = state_findings(scene, checks) if is_separate and scene is not None else ()
             if scene is not None:
-                stated = None if apart else stated_sample(scene, checks, stated)
+                stated = None if is_separate else stated_sample(scene, checks, stated)
         except Exception as error:
-            yield from block.rest()
-            yield _failed(study, number, error)
+            yield from block.finish()
+            yield _failed_row(study, number, error)
             continue
         if scene is None:
-            yield from block.rest()
+            yield from block.finish()
             yield {"sample": number}
         elif stated is None:
-            yield from block.rest()
+            yield from block.finish()
             yield _row(study, number, scene, found, starts)
         else:
             yield from block.rows(number, stated)
         if one_by_one:
-            yield from block.rest()
-    yield from block.rest()
+            yield from block.finish()
+    yield from block.finish()
 
 
 @lru_cache(maxsize=4)
-def _parts_of(_fingerprint: str) -> SampleParts:
-    """Return what the scenes of a study share in this process."""
+def _shared_parts(_fingerprint: str) -> SampleParts:
+    """Return the cache that the scenes of a study share in this process."""
     return SampleParts()
 
 
@@ -295,35 +297,35 @@ def _row(
     found: tuple[Finding, ...],
     starts: StartsByContacts | None,
 ) -> Row:
-    """Return the row of one sample, which begins with what was learned; a failure is one, too.
+    """Return the row of one sample, solved by a search; an error gives a row of a failure.
 
     Args:
         study: The study.
-        number: Of the sample.
+        number: Number of the sample.
         scene: Its scene.
         found: See `state_findings`.
-        starts: What was learned.
+        starts: Warm starts from earlier samples; None: none.
 
     Raises:
-        StudyError: If the study's record cannot keep the solution.
+        StudyError: If the study's record cannot store the solution.
     """
     try:
-        row = {"sample": number, **_results(study, number, scene, starts)}
-        return row | of_findings(scene, found)
+        row = {"sample": number, **_solved_cells(study, number, scene, starts)}
+        return row | finding_columns(scene, found)
     except Exception as error:
-        return _failed(study, number, error)
+        return _failed_row(study, number, error)
 
 
-def _failed(study: Study, number: int, error: Exception) -> Row:
-    """Return the row of a sample over which something was raised.
+def _failed_row(study: Study, number: int, error: Exception) -> Row:
+    """Return the row of a sample whose evaluation raised an error.
 
     Raises:
-        StudyError: It is one: the study ends.
+        StudyError: If the error is one, which ends the study.
     """
     if isinstance(error, StudyError):
         raise error
-    # Whatever else goes wrong is this sample's result. The path as it was given is no part of it:
-    # another machine has another one.
+    # Any other error is the result of this sample. Folders are cut from the message: they differ
+    # between machines.
     is_known = isinstance(error, GrasplessPinError)
     text = f"{type(error).__name__}: {error}" if is_known else internal_error(error)
     text = text.replace(str(study.scene.path), study.scene.path.name)
@@ -331,11 +333,11 @@ def _failed(study: Study, number: int, error: Exception) -> Row:
 
 
 def failure_row(number: int, why: Failure, error: str) -> Row:
-    """Return the row of a sample that has no result."""
+    """Return the row of a sample without a result."""
     return {"sample": number, "status": why.value, "found": False, "error": error}
 
 
-def _results(study: Study, number: int, scene: Scene, starts: StartsByContacts | None) -> Row:
+def _solved_cells(study: Study, number: int, scene: Scene, starts: StartsByContacts | None) -> Row:
     compute = study.entry.compute
     solution = _solution(scene, starts)
     if study.record is not None:
@@ -355,7 +357,7 @@ def _results(study: Study, number: int, scene: Scene, starts: StartsByContacts |
     row["contacts"] = problem.contact_count
     row["nodes"] = solution.certificate.nodes
     if compute.verdict and solution.found:
-        # Its own where the torques are guaranteed.
+        # The solution's own verdict where its torques are guaranteed.
         options = scene.solve_options
         verdict = solution_verdict(
             scene, solution, node_limit=options["verdict_nodes"], time_limit=options["time_limit"]
@@ -368,26 +370,26 @@ def _results(study: Study, number: int, scene: Scene, starts: StartsByContacts |
         }
     if compute.mode and solution.found:
         row["mode"] = str(solution.mode)
-    row |= _analyses(study, scene, solution)
+    row |= _analysis_columns(study, scene, solution)
     if scene.uncertainty is not None:
         row |= robust_values(scene.solve(uncertainty=True))
     if not solution.found:
-        why = solution.explanation if compute.explain else ""
-        row["reason"] = why or solution.status.message
+        explanation = solution.explanation if compute.explain else ""
+        row["reason"] = explanation or solution.status.message
     return row
 
 
 def _solution(scene: Scene, starts: StartsByContacts | None) -> TorqueSolution:
     if starts is None:
         return scene.solve()
-    objective, how = scene.asked()
-    problem, rest = scene.problem(), rest_model_of(scene) if how.strong else None
-    known = starts.for_contacts((how.rules, *scene.contacts.bodies), problem, objective)
-    return known.solve(problem, objective, how, rest).of_source(scene)
+    objective, options = scene.asked()
+    problem, rest_model = scene.problem(), rest_model_of(scene) if options.strong else None
+    warm_search = starts.for_contacts((options.rules, *scene.contacts.bodies), problem, objective)
+    return warm_search.solve(problem, objective, options, rest_model).of_source(scene)
 
 
-def _analyses(study: Study, scene: Scene, solution: TorqueSolution) -> Row:
-    """Return what is computed beside the torques; a column has no room for what is not proven."""
+def _analysis_columns(study: Study, scene: Scene, solution: TorqueSolution) -> Row:
+    """Return the columns of further analyses; those that are not proven are empty."""
     compute, problem, rules = study.entry.compute, solution.problem, solution.rules.options()
     limits = {name: scene.solve_options[name] for name in ("node_limit", "time_limit")}
     row: Row = {}
@@ -408,17 +410,19 @@ def _analyses(study: Study, scene: Scene, solution: TorqueSolution) -> Row:
     return row
 
 
-def of_findings(scene: Scene, found: Sequence[Finding]) -> Row:
-    """Return the codes of serious findings as they stand in a row: in the order of their gravity.
+def finding_columns(scene: Scene, found: Sequence[Finding]) -> Row:
+    """Return the column of the codes of serious findings, the gravest first; empty without any.
 
     Args:
-        scene: The scene of the sample; what its files told counts, too.
+        scene: The scene of the sample, whose findings from loading count, too.
         found: See `state_findings`.
     """
-    loaded = (*scene.load_findings, *(() if scene.hand is None else scene.hand.findings))
-    if not (loaded or found):
+    load_findings = (*scene.load_findings, *(() if scene.hand is None else scene.hand.findings))
+    if not (load_findings or found):
         return {}
-    serious = [one for one in causes_first([*loaded, *found]) if one.severity is Severity.SERIOUS]
+    serious = [
+        one for one in causes_first([*load_findings, *found]) if one.severity is Severity.SERIOUS
+    ]
     return {FINDINGS: "; ".join(dict.fromkeys(one.code for one in serious))} if serious else {}
 
 
@@ -426,15 +430,15 @@ class TorqueColumns(NamedTuple):
     """The columns of the torques of some joints.
 
     Attributes:
-        largest: Of each unit that there is the column of its largest |torque|, and the joints.
-        each: L columns.
+        largest: For each unit in use the column of the largest |torque|, and indices of its joints.
+        each: Columns of the L joints.
     """
 
     largest: tuple[tuple[str, tuple[int, ...]], ...]
     each: tuple[str, ...]
 
     def values(self, margin: float, torques: Sequence[float]) -> Row:
-        """Return margin (N) and L torques (N m or N) by column."""
+        """Return the cells of a margin (N) and L torques (N m or N) by column."""
         row: Row = {name: max([abs(torques[k]) for k in own], default=0.0)
                     for name, own in self.largest}  # fmt: skip
         row["margin_N"] = margin
@@ -444,30 +448,30 @@ class TorqueColumns(NamedTuple):
 
 @lru_cache(maxsize=64)
 def torque_columns(names: tuple[str, ...], units: tuple[JointUnit, ...]) -> TorqueColumns:
-    """Return the columns of joints by their names and the units of their torques."""
-    there = [unit for unit in JointUnit if unit in units] or [JointUnit.TORQUE]
+    """Return the columns of joints with given names and units of torques."""
+    present = [unit for unit in JointUnit if unit in units] or [JointUnit.TORQUE]
     largest = tuple([
         (LARGEST_TORQUE + _SUFFIXES[one], tuple([k for k, unit in enumerate(units) if unit is one]))
-        for one in there
+        for one in present
     ])  # fmt: skip
     each = [f"torque_{name}_{_SUFFIXES[unit]}" for name, unit in zip(names, units, strict=True)]
     return TorqueColumns(largest, tuple(each))
 
 
-def robust_values(found: RobustSolution) -> Row:
-    """Return what stands in a row of torques for all that is not known of a scene."""
+def robust_values(robust: RobustSolution) -> Row:
+    """Return the cells of a robust solution, see `ROBUST_COLUMNS`."""
     row: Row = {
-        "robust_status": found.status.name.lower(),
-        "robust_found": found.found,
-        "robust_coverage": found.coverage.name.lower(),
+        "robust_status": robust.status.name.lower(),
+        "robust_found": robust.found,
+        "robust_coverage": robust.coverage.name.lower(),
     }
-    if not found.found:
+    if not robust.found:
         return row
-    row["robust_margin_N"] = found.margin
-    if found.samples is not None:
-        row["robust_sampled_share"] = found.samples.served / found.samples.count
-    units, largest = found.members[0].problem.joint_units, found.largest_commands
-    columns = torque_columns(found.joint_names, units)
+    row["robust_margin_N"] = robust.margin
+    if robust.samples is not None:
+        row["robust_sampled_share"] = robust.samples.served / robust.samples.count
+    units, largest = robust.members[0].problem.joint_units, robust.largest_commands
+    columns = torque_columns(robust.joint_names, units)
     for name, joints in columns.largest:
         row[f"robust_{name}"] = float(largest[list(joints)].max(initial=0.0))
     return row

@@ -1,8 +1,7 @@
-"""Which samples a study has: listed, drawn, or adaptive.
+"""Samples of a study: a grid, random or quasi-random samples, or adaptive ones.
 
-Values are made from a sample's number, so that none are kept. A round of adaptive samples depends
-on the points so far and their outcomes alone: that is how a study that was killed finds its
-samples again.
+The values of a sample are computed from its number and not stored. A round of adaptive samples
+depends only on the points so far and their outcomes, so that a killed study can be resumed.
 """
 
 from __future__ import annotations
@@ -25,25 +24,25 @@ from graspless_pin.studies.study_schema import SamplingEntry
 
 
 class Samples(Sequence[Sample]):
-    """The values of all variables, sample by sample; a sample is made when it is asked for."""
+    """A sequence of samples, each computed when it is asked for."""
 
     @abstractmethod
     def at(self, number: int) -> Sample:
-        """Return a sample by its number, which is one that there is."""
+        """Return a sample by its number, which has to be valid."""
 
     @overload
     def __getitem__(self, index: int) -> Sample: ...
     @overload
     def __getitem__(self, index: slice) -> tuple[Sample, ...]: ...
     def __getitem__(self, index: int | slice) -> Sample | tuple[Sample, ...]:
-        """Return a sample, or some."""
+        """Return a sample, or those of a slice."""
         numbers = range(len(self))[index]
         return self.at(numbers) if isinstance(numbers, int) else tuple(map(self.at, numbers))
 
 
 @dataclass(frozen=True, eq=False)
 class MadeSamples(Samples):
-    """So many samples, each made by a function of its number."""
+    """A fixed number of samples, each computed by a function of its number."""
 
     size: int
     made: Callable[[int], Sample]
@@ -53,7 +52,7 @@ class MadeSamples(Samples):
         return self.size
 
     def at(self, number: int) -> Sample:
-        """Return what the function makes."""
+        """Return the sample that the function computes."""
         return self.made(number)
 
 
@@ -73,14 +72,14 @@ def grid_samples(points: Sequence[Sequence[Any]]) -> Samples:
 
 
 def grid_size(variable: Variable, fail: Callable[..., GrasplessPinError]) -> int:
-    """Return how many values a variable has on a grid.
+    """Return the number of values of a variable on a grid.
 
     Args:
-        variable: What varies.
+        variable: The variable.
         fail: Makes the error for a part of the study file.
 
     Raises:
-        StudyError: If it does not say so.
+        StudyError: If it is a range without steps.
     """
     if variable.entry.steps is None and not variable.is_choice and len(variable.extremes()) > 1:
         raise fail(
@@ -95,15 +94,15 @@ def samples_of(
     variables: tuple[Variable, ...],
     fail: Callable[..., GrasplessPinError],
 ) -> Samples:
-    """Return the samples of a study.
+    """Return the samples of a study that is not adaptive.
 
     Args:
-        sampling: How they are chosen.
-        variables: What varies.
+        sampling: The sampling section of the study file.
+        variables: The variables.
         fail: Makes the error for a part of the study file.
 
     Raises:
-        StudyError: If there are too many, or a variable does not fit the way of sampling.
+        StudyError: If there are too many, or a variable does not fit the method.
     """
     count = sampling.samples or 1
     for variable in variables:
@@ -114,42 +113,42 @@ def samples_of(
     if count > MOST_SAMPLES:
         raise fail(("sampling",), f"makes {count} samples; at most {MOST_SAMPLES} are possible")
     if sampling.method == "grid":
-        return grid_samples([variable.points() for variable in variables])
+        return grid_samples([variable.grid_values() for variable in variables])
     from scipy.stats import qmc  # slow to load, and workers draw no samples
 
     rng = np.random.default_rng(sampling.seed)
     if sampling.method == "sobol":
-        # The sequence is balanced over powers of two; a part of it is still its beginning.
+        # The sequence is balanced over powers of two; take the beginning of such a part.
         engine = qmc.Sobol(len(variables), rng=rng)
         shares = engine.random_base2(int(np.ceil(np.log2(count))))[:count].copy()
     else:
         shares = qmc.LatinHypercube(len(variables), rng=rng).random(count)
-    # Shares of the variables' ranges: eight bytes a value are all that is kept.
+    # Only the shares of the variables' ranges are stored: eight bytes a value.
     return MadeSamples(
         count,
         lambda number: tuple([
-            one.at(share) for one, share in zip(variables, shares[number].tolist(), strict=True)
+            v.value_at(share) for v, share in zip(variables, shares[number].tolist(), strict=True)
         ]),
     )  # fmt: skip
 
 
 Places = NDArray[np.int64]
-"""Whole numbers: places on the finest grid, counted along each variable or all through."""
+"""Indices on the finest grid: along each variable, or flat."""
 _MOST_RANGES = 4
 _MOST_HALVINGS = 12
-"""Where only the number of samples is stated."""
+"""Depth at most, where only the number of samples is stated."""
 _MOST_PLACES = 2**62
 
 
 @dataclass(frozen=True, eq=False)
 class AdaptiveSamples(Samples):
-    """Points of a grid that is halved again and again: those so far, round by round.
+    """Points of an adaptively refined grid: those of all rounds so far.
 
     Attributes:
-        variables: What varies. Ranges are halved, listed values are not.
+        variables: The variables. Ranges are halved, listed values are not.
         depth: How often each interval of the grid may be halved.
         limit: Most samples.
-        points: (samples,) places on the finest grid, where the last variable varies fastest.
+        points: (samples,) flat indices on the finest grid; the last variable varies fastest.
     """
 
     variables: tuple[Variable, ...]
@@ -163,37 +162,38 @@ class AdaptiveSamples(Samples):
 
     def at(self, number: int) -> Sample:
         """Return the values at a point."""
-        places = map(int, np.unravel_index(self.points[number], self._shape))
-        each = zip(self.variables, self._shape, places, strict=True)
+        places = map(int, np.unravel_index(self.points[number], self._grid_shape))
+        coordinates = zip(self.variables, self._grid_shape, places, strict=True)
         return tuple([
-            one.points()[place] if one.is_choice else one.at(place / max(size - 1, 1))
-            for one, size, place in each
+            v.grid_values()[place] if v.is_choice else v.value_at(place / max(size - 1, 1))
+            for v, size, place in coordinates
         ])  # fmt: skip
 
     @cached_property
-    def _shape(self) -> tuple[int, ...]:
-        return _finest(self.variables, self.depth)
+    def _grid_shape(self) -> tuple[int, ...]:
+        return _finest_grid_shape(self.variables, self.depth)
 
     def refined(self, outcomes: Places) -> AdaptiveSamples:
-        """Return these samples and after them those of the next round, if there is one.
+        """Return these samples followed by those of the next round, if there is one.
 
-        A cell of any size in or at which two points differ gets the corners of its halves.
+        A cell of any size with points of different outcomes, its border included, is halved: the
+        corners of its halves are added.
 
         Args:
-            outcomes: (samples,) a number for each outcome.
+            outcomes: (samples,) number of the outcome of each sample.
         """
-        shape = np.array(self._shape)
+        shape = np.array(self._grid_shape)
         halved = np.array([_is_halved(variable) for variable in self.variables])
-        coordinates = np.stack(np.unravel_index(self.points, self._shape), axis=1)
+        coordinates = np.stack(np.unravel_index(self.points, self._grid_shape), axis=1)
         known = self.points
         for level in range(self.depth):
             sides = np.where(halved, 2 ** (self.depth - level), 1)
-            cells = _mixed(coordinates, outcomes, sides, shape, halved)
-            each = zip(sides.tolist(), halved.tolist(), strict=True)
-            steps = product(*[(0, side // 2, side) if half else (0,) for side, half in each])
+            cells = _mixed_cells(coordinates, outcomes, sides, shape, halved)
+            extents = zip(sides.tolist(), halved.tolist(), strict=True)
+            steps = product(*[(0, side // 2, side) if half else (0,) for side, half in extents])
             corners = [cells * sides + np.array(step) for step in steps]
-            wanted = np.ravel_multi_index(tuple(np.concatenate(corners).T), self._shape)
-            known = np.concatenate([known, np.setdiff1d(wanted, known)])
+            corner_points = np.ravel_multi_index(tuple(np.concatenate(corners).T), self._grid_shape)
+            known = np.concatenate([known, np.setdiff1d(corner_points, known)])
         points = known[: self.limit]
         points.flags.writeable = False
         return replace(self, points=points)
@@ -204,15 +204,15 @@ def adaptive_samples(
     variables: tuple[Variable, ...],
     fail: Callable[..., GrasplessPinError],
 ) -> AdaptiveSamples:
-    """Return the grid that adaptive samples begin with.
+    """Return the initial grid of adaptive samples.
 
     Args:
-        sampling: How far it is refined.
-        variables: What varies.
+        sampling: The sampling section of the study file.
+        variables: The variables.
         fail: Makes the error for a part of the study file.
 
     Raises:
-        StudyError: If there are too many samples or ranges, or none that could be halved.
+        StudyError: If there are too many samples or ranges, or no range to halve.
     """
     for variable in variables:
         grid_size(variable, fail)
@@ -226,20 +226,20 @@ def adaptive_samples(
         )
     limit = sampling.samples or MOST_SAMPLES
     depth = sampling.depth or _MOST_HALVINGS
-    while sampling.depth is None and prod(_finest(variables, depth)) > _MOST_PLACES:
+    while sampling.depth is None and prod(_finest_grid_shape(variables, depth)) > _MOST_PLACES:
         depth -= 1
-    shape = _finest(variables, depth)
+    shape = _finest_grid_shape(variables, depth)
     if prod(shape) > _MOST_PLACES:
         raise fail(("sampling", "depth"), "makes a grid that is too fine to count; lower it")
-    every = [2**depth if _is_halved(variable) else 1 for variable in variables]
-    first = [np.arange(0, size, step) for size, step in zip(shape, every, strict=True)]
-    if prod(map(len, first)) > limit:
+    steps = [2**depth if _is_halved(variable) else 1 for variable in variables]
+    first_places = [np.arange(0, size, step) for size, step in zip(shape, steps, strict=True)]
+    if prod(map(len, first_places)) > limit:
         raise fail(
             ("sampling", "samples"),
-            f"is {limit}, and the grid to begin with has {prod(map(len, first))}; "
+            f"is {limit}, and the grid to begin with has {prod(map(len, first_places))}; "
             "take more samples, or fewer steps",
         )
-    points = np.ravel_multi_index(np.meshgrid(*first, indexing="ij"), shape).ravel()
+    points = np.ravel_multi_index(np.meshgrid(*first_places, indexing="ij"), shape).ravel()
     points.flags.writeable = False
     return AdaptiveSamples(variables, depth, limit, points)
 
@@ -248,37 +248,37 @@ def _is_halved(variable: Variable) -> bool:
     return not variable.is_choice and variable.grid_size > 1
 
 
-def _finest(variables: tuple[Variable, ...], depth: int) -> tuple[int, ...]:
-    """Return how many places each variable has on the finest grid."""
+def _finest_grid_shape(variables: tuple[Variable, ...], depth: int) -> tuple[int, ...]:
+    """Return the number of points of each variable on the finest grid."""
     sizes = [(variable.grid_size, _is_halved(variable)) for variable in variables]
-    return tuple([(size - 1) * 2**depth + 1 if half else size for size, half in sizes])
+    return tuple([(size - 1) * 2**depth + 1 if is_halved else size for size, is_halved in sizes])
 
 
-def _mixed(
+def _mixed_cells(
     coordinates: Places,
     outcomes: Places,
     sides: Places,
     shape: Places,
     halved: NDArray[np.bool_],
 ) -> Places:
-    """(cells, variables) the cells of one size that have points of two outcomes, borders included.
+    """Return (cells, variables) cells of one size with several outcomes, borders included.
 
     Args:
-        coordinates: (samples, variables) the points.
-        outcomes: (samples,) a number for each outcome.
-        sides: (variables,) of the cells.
-        shape: (variables,) places on the finest grid.
-        halved: (variables,) which ones cells have an extent along.
+        coordinates: (samples, variables) indices of the points on the finest grid.
+        outcomes: (samples,) number of the outcome of each sample.
+        sides: (variables,) side lengths of the cells.
+        shape: (variables,) number of points on the finest grid.
+        halved: (variables,) whether cells have an extent along the variable.
     """
     counts = np.where(halved, (shape - 1) // sides, shape)
-    found, outcomes_found = [], []
+    cell_numbers, cell_outcomes = [], []
     # A point on a border belongs to the cells on both sides of it.
-    for before in product(*[(0, 1) if half else (0,) for half in halved.tolist()]):
-        cells = (coordinates - np.array(before)) // sides
+    for offset in product(*[(0, 1) if is_halved else (0,) for is_halved in halved.tolist()]):
+        cells = (coordinates - np.array(offset)) // sides
         inside = ((cells >= 0) & (cells < counts)).all(axis=1)
-        found.append(np.ravel_multi_index(tuple(cells[inside].T), tuple(counts)))
-        outcomes_found.append(outcomes[inside])
-    keys, values = np.concatenate(found), np.concatenate(outcomes_found)
+        cell_numbers.append(np.ravel_multi_index(tuple(cells[inside].T), tuple(counts)))
+        cell_outcomes.append(outcomes[inside])
+    keys, values = np.concatenate(cell_numbers), np.concatenate(cell_outcomes)
     order = np.argsort(keys, kind="stable")
     keys, values = keys[order], values[order]
     begins = np.flatnonzero(np.diff(keys, prepend=-1))

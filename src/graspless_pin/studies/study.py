@@ -1,7 +1,7 @@
-"""A study: a scene, what varies in it, which samples are looked at and what is computed.
+"""A study: a scene, variables, samples and what is computed for each of them.
 
-Scenes of samples leave something for the next. A hand is placed where a place is found, or closed,
-before its sample is computed.
+The scene of a sample reuses parts of earlier ones. A study may place the hand or close its fingers
+before a sample is computed.
 """
 
 from __future__ import annotations
@@ -38,20 +38,20 @@ from graspless_pin.studies.study_schema import CloseEntry, PlaceEntry, PosingEnt
 Row = dict[str, Any]
 """Results by column."""
 NOT_PLACED = "not_placed"
-"""Status of a sample whose hand has no place of the rank that is asked for."""
+"""Status of a sample whose hand has no place of the required rank."""
 _MOST_FIELDS = 4096
 _MOST_PLACEMENTS = 16
 _LARGEST_BLOCK = 64
 _LEAST_BLOCKS = 256
-"""As many workers at least have something to do where there are enough samples."""
+"""Least number of blocks where there are enough samples, for as many workers."""
 
 
 @dataclass(eq=False)
 class SampleParts(SceneParts):
-    """What the scenes of one study's samples leave for the next; it never changes a scene.
+    """Cache of parts of a study's scenes for later samples; it never changes a scene.
 
     Attributes:
-        placements: Places of the hand by all that they depend on; the last few.
+        placements: The latest placements of the hand, by all data that they depend on.
     """
 
     placements: Bounded[str, HandPlacement] = field(
@@ -61,64 +61,64 @@ class SampleParts(SceneParts):
     _fields: dict[tuple[int, str], tuple[str, Any]] = field(default_factory=dict)
     _names: tuple[str, ...] = ()
 
-    def known(self, sample: Sample) -> Scene | None:
-        """Return the scene of a sample whose values that differ from the last one's were seen.
+    def scene_if_known(self, sample: Sample) -> Scene | None:
+        """Return the scene of a sample from the last scene and cached fields.
 
         Args:
             sample: The values of all variables.
 
         Returns:
-            The scene; None if it has to be built, and learned.
+            The scene; None if a changed value has no cached field: build it, then `learn` it.
         """
         if self._last is None:
             return None
-        fields, (before, scene) = {}, self._last
-        for place, (value, last) in enumerate(zip(sample, before, strict=True)):
-            if not is_alike(value, last):
-                found = self._fields.get((place, repr(value)))
-                if found is None:
+        fields, (last_sample, scene) = {}, self._last
+        for index, (value, last_value) in enumerate(zip(sample, last_sample, strict=True)):
+            if not is_alike(value, last_value):
+                field = self._fields.get((index, repr(value)))
+                if field is None:
                     return None
-                fields[found[0]] = found[1]
+                fields[field[0]] = field[1]
         scene = scene._changed(fields)
         self._last = sample, scene
         return scene
 
     def learn(self, variables: Sequence[Variable], sample: Sample) -> None:
-        """Keep the fields of the scene built last that one value alone has made.
+        """Cache those fields of the scene built last that depend on one variable alone.
 
         Args:
-            variables: What varies.
-            sample: The values of that scene.
+            variables: The variables.
+            sample: Their values in that scene.
         """
         if self.last is None:
             return
         entry, bodies, scene = self.last
         has_findings = scene.load_findings or (scene.hand is not None and scene.hand.findings)
-        # What is found is told of each scene, and what is refused has to be looked for in each.
+        # Scenes with findings are built anew, to report them again; so are those that refuse them.
         self._last = None if has_findings or entry.warnings == "error" else (sample, scene)
         if bodies.names != self._names or len(self._fields) > _MOST_FIELDS:
             self._fields, self._names = {}, bodies.names
-        keys = [{location[0] for location, *_ in one.targets} for one in variables]
-        for place, own in enumerate(keys):
-            others = set().union(*keys[:place], *keys[place + 1 :])
-            key, *more = own or {""}
+        keys = [{location[0] for location, *_ in variable.targets} for variable in variables]
+        for index, own_keys in enumerate(keys):
+            other_keys = set().union(*keys[:index], *keys[index + 1 :])
+            key, *further_keys = own_keys or {""}
             name = FIELDS_BY_KEY.get(str(key))
-            if name is not None and not more and key not in others:
-                self._fields[place, repr(sample[place])] = name, vars(scene)[name]
+            if name is not None and not further_keys and key not in other_keys:
+                self._fields[index, repr(sample[index])] = name, vars(scene)[name]
 
 
 class SolutionWriter(Protocol):
-    """Takes the solutions of samples, in the process that finds them."""
+    """Stores the solutions of samples, in the process that computes them."""
 
     def __call__(self, number: int, scene: Scene, solution: TorqueSolution) -> None:
-        """Take the solution of a sample.
+        """Store the solution of a sample.
 
         Raises:
-            GrasplessPinError: If it cannot be kept; the study ends with it.
+            GrasplessPinError: If it cannot be stored, which ends the study.
         """
 
     def has(self, number: int) -> bool:
-        """Return whether the solution of a sample is kept."""
+        """Return whether the solution of a sample is stored."""
         ...
 
 
@@ -129,16 +129,16 @@ class Study:
     See the example of `run_study`.
 
     Attributes:
-        entry: What the study file says.
+        entry: Content of the study file.
         source: The study file.
-        scene: The scene file with what is computed written into its ``solve`` section.
-        variables: What varies, in the order of the file.
-        samples: The values of all variables, sample by sample; made when they are asked for. Of
-            adaptive ones those of the first round.
-        fingerprint: Hash of all that the results depend on but the versions of libraries.
-        block: How many samples follow each other in which one may begin with what was learned of
-            those before it; 1: none does.
-        record: What takes each sample's solution as it is found; None: only its row is kept.
+        scene: The scene file with the study's options in its ``solve`` section.
+        variables: The variables, in the order of the file.
+        samples: The values of all variables, sample by sample, computed when they are asked for;
+            of an adaptive study those of the first round.
+        fingerprint: Hash of all that the results depend on except the versions of libraries.
+        block: Number of consecutive samples in which each may start warm from those before it; 1:
+            no warm starts.
+        record: Stores each sample's solution as it is found; None: only its row is stored.
     """
 
     entry: StudyEntry
@@ -157,31 +157,31 @@ class Study:
 
     @property
     def is_adaptive(self) -> bool:
-        """Whether further samples come of what the first ones result in."""
+        """Whether the outcomes of samples decide on further ones."""
         return self.entry.sampling.method == "adaptive"
 
     @classmethod
     def from_data(cls, data: Mapping[str, Any], folder: str | Path = ".") -> Study:
-        """Make a study in Python from what would stand in a study file.
+        """Make a study in Python from the content of a study file.
 
         Args:
             data: The keys ``scene``, ``vary``, ``sampling``, ``compute``, ...
-            folder: What the path of the scene is relative to.
+            folder: The folder that the path of the scene is relative to.
 
         Raises:
             StudyError: See `load_study`.
         """
-        return _made(YamlSource(Path("study"), copied(dict(data)), _STUDY), Path(folder))
+        return _make_study(YamlSource(Path("study"), copied(dict(data)), _STUDY), Path(folder))
 
     def placed_at(self, sample: Sample) -> Tree:
-        """Return the scene file's content with the keys of one sample set, nothing moved yet."""
+        """Return the scene's tree with the keys of one sample set, before bodies are moved."""
         tree = self.scene.data
         for variable, value in zip(self.variables, sample, strict=True):
-            tree = variable.placed(tree, value)
+            tree = variable.with_value(tree, value)
         return tree
 
     def tree_at(self, sample: Sample) -> Tree:
-        """Return the content of the scene file at one sample."""
+        """Return the scene's tree at one sample, bodies moved."""
         tree = self.placed_at(sample)
         motions = [
             (motion, (value - motion.as_in_scene) * variable.unit.factor)
@@ -199,7 +199,7 @@ class Study:
 
         Args:
             sample: The values of all variables, e.g. one of `samples`.
-            parts: What scenes of earlier samples left.
+            parts: Cache from earlier samples; None: no cache.
 
         Raises:
             SceneError: If the scene cannot be used with these values, or the hand has no place.
@@ -213,7 +213,7 @@ class Study:
     def posed_at(
         self, sample: Sample, parts: SampleParts | None = None
     ) -> tuple[Scene | None, Row]:
-        """Return the scene of `scene_at`, and what a row of results tells of the hand's place."""
+        """Return the scene of `scene_at`, or None, and the columns on the hand's place."""
         parts = parts or SampleParts()
         scene = self.unposed_at(sample, parts)
         if self.entry.place is None and self.entry.close is None:
@@ -221,12 +221,12 @@ class Study:
         tree = self.tree_at(sample)
         entry = posing_of(scene, tree)
         if entry.place is not None:
-            return _placed(scene, tree, entry.place, parts)
-        return (scene, {}) if entry.close is None else _closed(scene, entry.close, parts)
+            return _place_hand(scene, tree, entry.place, parts)
+        return (scene, {}) if entry.close is None else _close_hand(scene, entry.close, parts)
 
     def unposed_at(self, sample: Sample, parts: SampleParts) -> Scene:
-        """Return the scene at one sample with the hand where the scene file has it."""
-        scene = parts.known(sample)
+        """Return the scene at one sample before its hand is placed or closed."""
+        scene = parts.scene_if_known(sample)
         if scene is None:
             file = self.scene
             tree = scene_and_posing(self.tree_at(sample))[0]
@@ -237,48 +237,48 @@ class Study:
 
 
 def scene_and_posing(tree: Tree) -> tuple[Tree, Tree]:
-    """Return the content of a scene file, and what `PosingEntry` takes, of a sample's keys."""
-    own = {name: tree[name] for name in PosingEntry.model_fields if name in tree}
-    return {name: item for name, item in tree.items() if name not in own}, own
+    """Split a sample's tree into the scene's keys and those of `PosingEntry`."""
+    posing = {name: tree[name] for name in PosingEntry.model_fields if name in tree}
+    return {name: item for name, item in tree.items() if name not in posing}, posing
 
 
 def posing_of(scene: Scene, tree: Tree) -> PosingEntry:
-    """Return how the hand of a sample is placed or closed, by the sample's keys."""
+    """Return the entries ``place`` and ``close`` of a sample, validated."""
     assert scene.path is not None  # noqa: S101 - the scene of a study comes from a file
     return validated(YamlSource(scene.path, scene_and_posing(tree)[1], SCENE), PosingEntry)
 
 
 def placement_of(scene: Scene, entry: PlaceEntry) -> HandPlacement:
-    """Place the hand. It takes as long as it takes: time must not decide what a row says."""
+    """Return the placement of the hand, without a time limit: time must not decide on rows."""
     return place_hand(scene, time_limit=None, workers=1, **entry.model_dump(exclude={"rank"}))
 
 
-def _placed(
+def _place_hand(
     scene: Scene, tree: Tree, entry: PlaceEntry, parts: SampleParts
 ) -> tuple[Scene | None, Row]:
     search = {**tree, "place": entry.model_dump(exclude={"rank"})}
     key = json.dumps(search, sort_keys=True, default=str)
     if key not in parts.placements:
         parts.placements[key] = placement_of(scene, entry)
-    found = parts.placements[key]
-    row: Row = {"place_rank": entry.rank, "places_found": found.found}
-    if entry.rank <= found.found:
-        return found.places[entry.rank - 1].scene, row
-    if found.places:
-        reason = f"there is no place of rank {entry.rank}: {found.found} were found"
+    placement = parts.placements[key]
+    row: Row = {"place_rank": entry.rank, "places_found": placement.found}
+    if entry.rank <= placement.found:
+        return placement.places[entry.rank - 1].scene, row
+    if placement.places:
+        reason = f"there is no place of rank {entry.rank}: {placement.found} were found"
     else:
-        faults = [f"{count} x {fault.words}" for fault, count in found.faults.items()]
-        reason = f"no place among {found.tried} candidates: {'; '.join(faults)}"
+        faults = [f"{count} x {fault.words}" for fault, count in placement.faults.items()]
+        reason = f"no place among {placement.tried} candidates: {'; '.join(faults)}"
     return None, {"status": NOT_PLACED, "found": False, **row, "reason": reason}
 
 
-def _closed(scene: Scene, entry: CloseEntry, parts: SampleParts) -> tuple[Scene | None, Row]:
-    # What did not change keeps its hand, and with it the contacts.
+def _close_hand(scene: Scene, entry: CloseEntry, parts: SampleParts) -> tuple[Scene | None, Row]:
+    # With the same hand and object the closed hand is the same object, and so are its contacts.
     sources = scene.hand, scene.object, repr(entry)
     result = parts.latest.made(
         "closed fingers", sources, lambda: close_fingers(scene, **entry.model_dump()).closing
     )
-    untouching = [one.finger for one in result.fingers if not one.touching]
+    untouching = [finger.finger for finger in result.fingers if not finger.touching]
     row: Row = {"open_fingers": "; ".join(untouching) or None}
     return scene.with_changes(hand=result.hand), row
 
@@ -301,10 +301,10 @@ def load_study(path: str | Path) -> Study:
         'Allegro hand, box on a slope'
     """
     source = YamlSource.read(path, _STUDY)
-    return _made(source, source.path.parent)
+    return _make_study(source, source.path.parent)
 
 
-def _made(source: YamlSource, folder: Path) -> Study:
+def _make_study(source: YamlSource, folder: Path) -> Study:
     if not isinstance(source.data, dict):
         raise StudyError(f"{source.where(())}: a study is a mapping with the keys scene, vary, ...")
     entry = validated(source, StudyEntry)
@@ -323,18 +323,18 @@ def _made(source: YamlSource, folder: Path) -> Study:
     variables = tuple(
         make_variable(
             name,
-            item,
+            variable_entry,
             tree,
             defaults,
             lambda part, message, name=name: fail(("vary", name, part), message),
         )
-        for name, item in entry.vary.items()
+        for name, variable_entry in entry.vary.items()
     )
     _check_targets(entry, variables, options, fail)
     _check_materials(validated_scene, variables, fail)
     _check_algorithm(tree, variables, options, fail)
-    choose = samples_of if entry.sampling.method != "adaptive" else adaptive_samples
-    samples = choose(entry.sampling, variables, fail)
+    make_samples = samples_of if entry.sampling.method != "adaptive" else adaptive_samples
+    samples = make_samples(entry.sampling, variables, fail)
     return Study(
         entry=entry,
         source=source,
@@ -342,25 +342,27 @@ def _made(source: YamlSource, folder: Path) -> Study:
         variables=variables,
         samples=samples,
         fingerprint=_fingerprint(entry, replace(scene, data=tree), variables),
-        block=_block(entry, tree, variables, len(samples)),
+        block=_block_size(entry, tree, variables, len(samples)),
     )
 
 
-def _block(entry: StudyEntry, tree: Tree, variables: tuple[Variable, ...], count: int) -> int:
-    """Return how many samples learn from each other.
+def _block_size(entry: StudyEntry, tree: Tree, variables: tuple[Variable, ...], count: int) -> int:
+    """Return the number of samples in a block of warm starts.
 
-    It has to depend on the study alone. None do where time decides what a sample comes to: then
-    those after it would depend on it, too.
+    It has to depend on the study alone. It is 1 under a time limit: time would decide on the
+    outcome of a sample, and through warm starts on later ones.
     """
     limits = entry.compute.sample_time_limit, tree["solve"].get("time_limit")
-    varied = any(place == ("solve", "time_limit") for one in variables for place, *_ in one.targets)
-    if varied or any(limit is not None for limit in limits):
+    varies_time = any(
+        place == ("solve", "time_limit") for one in variables for place, *_ in one.targets
+    )
+    if varies_time or any(limit is not None for limit in limits):
         return 1
     return max(1, min(_LARGEST_BLOCK, count // _LEAST_BLOCKS))
 
 
 def _check_posing(entry: StudyEntry, scene: SceneEntry, fail: Any) -> None:
-    """Refuse to place or close a hand that there is not, or whose contacts stay where they are."""
+    """Refuse to place or close the hand in a scene without a hand, or with stated contacts."""
     for key in PosingEntry.model_fields:
         if getattr(entry, key) is not None and scene.hand is None:
             raise fail((key,), "the scene has no hand; add one to it, or leave this out")
@@ -375,9 +377,9 @@ def _check_posing(entry: StudyEntry, scene: SceneEntry, fail: Any) -> None:
 def _check_targets(
     entry: StudyEntry, variables: tuple[Variable, ...], options: Mapping[str, Any], fail: Any
 ) -> None:
-    """Refuse two variables that set the same key, or a key inside another one's.
+    """Refuse two variables that set the same key, or a key below another one's.
 
-    Refuse options of placing or closing where neither is asked for, too.
+    Refuse keys of ``place`` or ``close`` in a study without that section, too.
     """
     taken = {("solve", name): "compute" for name in options}
     for variable in variables:
@@ -388,9 +390,9 @@ def _check_targets(
                     ("vary", variable.name),
                     f"sets {key_text(location)}, and the study does not {key}; add '{key}: {{}}'",
                 )
-            for other, name in taken.items():
-                shared = min(len(location), len(other))
-                if location[:shared] == other[:shared]:
+            for taken_key, name in taken.items():
+                shared = min(len(location), len(taken_key))
+                if location[:shared] == taken_key[:shared]:
                     raise fail(
                         ("vary", variable.name),
                         f"sets {key_text(location)}, which {name!r} sets already; keep one of them",
@@ -399,7 +401,7 @@ def _check_targets(
 
 
 def _check_materials(entry: SceneEntry, variables: tuple[Variable, ...], fail: Any) -> None:
-    """Refuse a pair of materials that no two bodies have: nothing would vary."""
+    """Refuse to vary a pair of materials that no two bodies have."""
     keys: list[Location] = [("object", "material"), ("hand", "material")]
     keys += [("supports", index, "material") for index in range(len(entry.supports))]
     targets = [(variable, location) for variable in variables for location, *_ in variable.targets]
@@ -423,7 +425,7 @@ def _check_materials(entry: SceneEntry, variables: tuple[Variable, ...], fail: A
 def _check_algorithm(
     tree: Tree, variables: tuple[Variable, ...], options: Mapping[str, Any], fail: Any
 ) -> None:
-    """Refuse options of algorithms that are not computed."""
+    """Refuse options that the algorithm does not use."""
     varied = {
         location[1]: variable.name
         for variable in variables
@@ -434,30 +436,33 @@ def _check_algorithm(
         return
     algorithm = tree["solve"].get("algorithm", "margin")
     for key in (*options, *varied):
-        if why := useless(str(key), algorithm):
+        if reason := useless(str(key), algorithm):
             if key in options:
-                raise fail(("compute", key), why)
-            name, own = varied[key], f"solve.{key}"
-            raise fail(("vary", name), why if name == own else f"{own} {why}")
+                raise fail(("compute", key), reason)
+            name, scene_key = varied[key], f"solve.{key}"
+            raise fail(("vary", name), reason if name == scene_key else f"{scene_key} {reason}")
 
 
 def _fingerprint(entry: StudyEntry, scene: YamlSource, variables: tuple[Variable, ...]) -> str:
-    """Hash what is varied and computed, the scene, and files: those that it or these name."""
+    """Return the hash of study, scene and all files that are named by the scene or by its files."""
     stated = entry.model_dump(mode="json", exclude={"name", "description", "scene"})
     folder, tree = scene.path.parent, scene.data
-    found: dict[str, Path] = {}
+    named_files: dict[str, Path] = {}
     with capture(), files_read() as read:
-        for one in (tree, *(v.placed(tree, end) for v in variables for end in v.extremes())):
-            named = {text: folder / text for text in texts_of(one) if is_file(folder / text)}
-            if one is tree or named.keys() - found.keys():
-                found |= named
-                with suppress(GrasplessPinError):  # its samples will tell
-                    build_scene(Scene, replace(scene, data=scene_and_posing(one)[0]))
-    # What a glTF names is known only where it was not read before.
+        for variant in (
+            tree,
+            *(v.with_value(tree, end) for v in variables for end in v.extremes()),
+        ):
+            present = {text: folder / text for text in texts_of(variant) if is_file(folder / text)}
+            if variant is tree or present.keys() - named_files.keys():
+                named_files |= present
+                with suppress(GrasplessPinError):  # reported in the rows of its samples
+                    build_scene(Scene, replace(scene, data=scene_and_posing(variant)[0]))
+    # Files inside of a glTF are left out: they are known only if it was not read before.
     inner = {(path.name, path) for path in read.values() if path.suffix.lower() not in _OF_GLTF}
     files = {
         (name, hashlib.sha256(read_bytes(path, _NAMED)).hexdigest())
-        for name, path in {*found.items(), *inner}
+        for name, path in {*named_files.items(), *inner}
     }
     content = json.dumps([stated, tree, sorted(files)], sort_keys=True, default=str)
     return hashlib.sha256(content.encode()).hexdigest()

@@ -88,7 +88,7 @@ class PosingEntry(Entry):
     )
 
     @model_validator(mode="after")
-    def _one_of_them(self) -> PosingEntry:
+    def _not_place_and_close(self) -> PosingEntry:
         if self.place is not None and self.close is not None:
             raise ValueError("found place and close; placing closes the fingers, leave out 'close'")
         return self
@@ -172,14 +172,14 @@ class VariableEntry(Entry):
 
     @model_validator(mode="before")
     @classmethod
-    def _no_count(cls, data: Any) -> Any:
+    def _refuse_count_keys(cls, data: Any) -> Any:
         found = next((name for name in _COUNTS if isinstance(data, dict) and name in data), None)
         if found is not None:
             raise ValueError(f"found {found}; how many values a range has is its key 'steps'")
         return data
 
     @model_validator(mode="after")
-    def _consistent(self) -> VariableEntry:
+    def _check_values_and_targets(self) -> VariableEntry:
         ranged = {"start", "to", "steps", "scale"} & self.model_fields_set
         if self.values is not None and ranged:
             raise ValueError("found values and a range; give either 'values' or 'from' and 'to'")
@@ -229,7 +229,7 @@ class SamplingEntry(Entry):
     )
 
     @model_validator(mode="after")
-    def _samples_where_needed(self) -> SamplingEntry:
+    def _check_method_options(self) -> SamplingEntry:
         if self.method == "grid" and self.samples is not None:
             raise ValueError("a grid has as many samples as its steps make; leave out 'samples'")
         if self.method in ("latin_hypercube", "sobol") and self.samples is None:
