@@ -318,7 +318,7 @@ def test_a_margin_is_asked_for_as_of_one_state():
 def test_a_hand_that_moves_by_itself_is_left_to_the_search():
     scene = example("trihand_push_box")
     twist = scene.motion.object_twist
-    slides = batch_states._slides_alike
+    slides = batch_states._has_fixed_sliding
     assert slides(scene) and slides(scene.with_changes(motion=None))
     own = Motion(twist, HandMotion(np.zeros(6), {}))
     assert not slides(scene.with_changes(motion=own))

@@ -1,8 +1,8 @@
-"""A scene's contacts in many configurations of its hand, as arrays, without records on the way.
+"""A scene's contacts in many configurations of its hand at once, as arrays from compiled loops.
 
-For what is asked most often: the hand elsewhere, nothing moves, and its contacts are spheres on
-faces. All other states are left to `Scene.problem`, which finds the same of these and says what is
-wrong with those that are.
+They cover the common case: only the hand's configuration changes, nothing moves, and its contacts
+are spheres on faces. Other states are left to `Scene.problem`, which gives the same result for
+these, and the errors for invalid states.
 """
 
 from __future__ import annotations
@@ -36,12 +36,12 @@ class BatchContacts(NamedTuple):
     """Contacts of S configurations, found by the compiled loops: see `compiled.core`.
 
     Attributes:
-        counts: (S,) contacts with the hand; -1 where `Scene.problem` has to be asked.
+        counts: (S,) contacts with the hand; -1 where the state is left to `Scene.problem`.
         shapes: (S, m) the collision shape of each.
         rows: (S, m, 6) positions and normals into the object, world, m.
         columns: (S, 6, n) spatial joint columns about the world's origin.
-        weights: (S, n) torques that carry the hand's weight.
-        doubtful: (S,) whether the hand may be too deep in itself or in a support.
+        weights: (S, n) joint torques against the hand's weight.
+        doubtful: (S,) whether the hand may overlap itself or a support too deeply.
         poses: (S, n + 1, 4, 4) of the joints, the base first.
     """
 
@@ -54,20 +54,20 @@ class BatchContacts(NamedTuple):
     poses: FloatArray
 
     def groups(self) -> Iterator[tuple[tuple[int, ...], NDArray[np.intp]]]:
-        """Yield the shapes that touch, and the numbers of the states in which they do."""
+        """Yield each set of touching shapes, and the numbers of the states with these contacts."""
         keys = np.where(np.arange(self.shapes.shape[1]) < self.counts[:, None], self.shapes, -1)
-        some = np.flatnonzero(self.counts >= 0)
-        kinds, kind_of = np.unique(keys[some], axis=0, return_inverse=True)
-        for number, kind in enumerate(kinds):
-            yield tuple(kind[kind >= 0].tolist()), some[kind_of.ravel() == number]
+        found = np.flatnonzero(self.counts >= 0)
+        groups, group_of = np.unique(keys[found], axis=0, return_inverse=True)
+        for number, shapes in enumerate(groups):
+            yield tuple(shapes[shapes >= 0].tolist()), found[group_of.ravel() == number]
 
 
 class SharedContactData(NamedTuple):
-    """What problems with the same contacts share.
+    """Data that problems with the same contacts share.
 
     Attributes:
-        bodies: That touch, those of the hand first.
-        carriers: The joint that carries each of the hand's.
+        bodies: Touching bodies, those of the hand first.
+        carriers: For each touching link of the hand the joint that carries it.
         problem: One of these problems.
     """
 
@@ -77,15 +77,14 @@ class SharedContactData(NamedTuple):
 
 
 class BatchContactFinder:
-    """Contacts of one scene's hand in other configurations."""
+    """Finds the contacts of one scene's hand in other configurations."""
 
     def __init__(self, scene: Scene, *, collisions: bool = True) -> None:
         """Take the scene.
 
         Args:
             scene: The scene.
-            collisions: Whether states are looked for in which the hand may be too deep in itself or
-                in a support.
+            collisions: Whether to look for too deep overlaps of the hand with itself and supports.
         """
         self._scene = scene
         self._collisions = collisions
@@ -98,44 +97,44 @@ class BatchContactFinder:
             q: (S, a) positions of the hand's independent joints, rad or m.
 
         Returns:
-            None: the compiled loops do not handle this scene.
+            The contacts; None if the compiled loops do not handle this scene.
         """
         return None if self._loops is None else BatchContacts(*self._loops.at(q))
 
     def shared_data(self, shapes: tuple[int, ...]) -> SharedContactData | None:
-        """Return what problems share in which some shapes touch, if it is known."""
+        """Return the stored data of problems with given touching shapes; None if there are none."""
         names = self._scene.hand.tree.shapes.names if self._scene.hand is not None else ()
         return self._known.get(tuple([names[shape] for shape in shapes]))
 
     @property
     def moves(self) -> FloatArray:
-        """(n + 1, n) one where a joint moves what is attached to another, else zero."""
+        """(n + 1, n) one where a joint (column) moves the links of another (row), else zero."""
         return self._scene.hand.tree.moves if self._scene.hand is not None else np.zeros((1, 0))
 
     @property
     def frame(self) -> tuple[FloatArray, FloatArray]:
-        """(3,) what positions are about, and (A, 3) the directions that tangents lie along."""
+        """(3,) the origin of positions (centre of mass), m, and (A, 3) the tangent axes, world."""
         return self._scene.object.center_of_mass_world, self._axes
 
     def store(self, scene: Scene, problem: QuasistaticProblem) -> None:
-        """Keep what a problem shares with those of the same contacts.
+        """Store the data that a problem shares with others of the same contacts.
 
         Args:
-            scene: The scene, but for its hand's configuration.
+            scene: The scene, perhaps in another configuration of its hand.
             problem: Its problem.
         """
-        own = self._scene
+        own_scene = self._scene
         if (
             self._loops is None
-            or own.hand is None
-            or scene.object is not own.object
-            or scene.motion is not own.motion
+            or own_scene.hand is None
+            or scene.object is not own_scene.object
+            or scene.motion is not own_scene.motion
         ):
             return
         arrays = scene.contacts.arrays
         touching = arrays.bodies[: arrays.hand_count]
         self._known[touching] = SharedContactData(
-            arrays.bodies, joints_of(own.hand.tree, touching), problem
+            arrays.bodies, joints_of(own_scene.hand.tree, touching), problem
         )
 
     @cached_property
@@ -144,7 +143,7 @@ class BatchContactFinder:
 
     @cached_property
     def _loops(self) -> Any:
-        """The loops, with all that they read of the scene; None where they do not apply."""
+        """The compiled loops with the scene's data; None where they do not apply."""
         scene, hand = self._scene, self._scene.hand
         if (
             core is None
@@ -152,7 +151,7 @@ class BatchContactFinder:
             or not hand.actuation.every_joint_alone
             or hand.control.hybrid_fingers
             or scene.given_contacts is not None
-            or not _slides_alike(scene)
+            or not _has_fixed_sliding(scene)
             or any(support.is_moving for support in scene.supports)
             or scene.acceleration is not None
         ):
@@ -178,14 +177,14 @@ def loops_of(
     """Return `core.HandStates` of a scene.
 
     Args:
-        scene: The scene; it has a hand.
+        scene: The scene, with a hand.
         coupling: Matrix and offset from a configuration to positions of all joints.
         moving: The joint that carries each shape, its pose there, and the shapes for loops.
-        pieces: What contacts are looked for with.
-        pairs: Of the shapes, which may not be in each other; None: no overlaps are looked for.
+        pieces: The convex pieces with which contacts are looked for.
+        pairs: Pairs of shapes that must not overlap; None: overlaps are not looked for.
     """
     tree: Any = scene.hand and scene.hand.tree
-    around = PlacedBodies.joined([support.placed_bodies for support in scene.supports])
+    support_bodies = PlacedBodies.joined([support.placed_bodies for support in scene.supports])
     carriers, shapes, links = moving
     return core.HandStates(
         coupling=coupling[0],
@@ -199,19 +198,19 @@ def loops_of(
         pieces=solids_of(pieces.shapes).for_loops,
         poses=pieces.poses,
         pairs=pairs,
-        around=solids_of(around.shapes).for_loops,
-        around_poses=around.poses,
+        around=solids_of(support_bodies.shapes).for_loops,
+        around_poses=support_bodies.poses,
         tolerance=scene.contact_tolerance,
         max_penetration=scene.max_penetration,
         **tree.chains,
     )
 
 
-def _slides_alike(scene: Scene) -> bool:
-    """Whether contacts with supports slide, part or stay as they do wherever the hand touches.
+def _has_fixed_sliding(scene: Scene) -> bool:
+    """Return whether the sliding of support contacts does not depend on where the hand touches.
 
-    The hand has to follow the object. What counts as no speed is a share of the fastest of all
-    contacts, which is known up to where on the object the hand touches.
+    The hand has to follow the object. The speed that counts as zero is a share of the largest
+    contact speed, for which there are only bounds: the hand may touch anywhere on the object.
     """
     motion = scene.motion
     if motion is None:
@@ -220,16 +219,16 @@ def _slides_alike(scene: Scene) -> bool:
         return False
     try:
         touching, center = touching_of(scene), scene.object.center_of_mass_world
-    except GrasplessPinError:  # said of each state by itself
+    except GrasplessPinError:  # raised for each state by itself
         return False
-    own = slice(touching.hand_count, None)
-    arms, normals = touching.positions[own] - center, touching.normals[own]
+    on_supports = slice(touching.hand_count, None)
+    arms, normals = touching.positions[on_supports] - center, touching.normals[on_supports]
     velocities = motion.object_twist[:3] + turning_velocities(motion.object_twist[3:], arms)
     leaving = (normals * velocities).sum(axis=1)
-    along = np.linalg.norm(velocities - leaving[:, None] * normals, axis=1)
+    sliding_speeds = np.linalg.norm(velocities - leaving[:, None] * normals, axis=1)
     linear, spin = (float(np.linalg.norm(part)) for part in np.split(motion.object_twist, 2))
     farthest = reach_of(scene.object) + scene.contact_tolerance
     nearest = float(np.linalg.norm(arms, axis=1).max(initial=0.0))
-    least, most = (SPEED_TOLERANCE * max(linear, spin * arm) for arm in (nearest, farthest))
-    speeds = np.concatenate((along, np.abs(leaving)))
-    return bool(((speeds <= least) | (speeds > most)).all())
+    slow, fast = (SPEED_TOLERANCE * max(linear, spin * arm) for arm in (nearest, farthest))
+    speeds = np.concatenate((sliding_speeds, np.abs(leaving)))
+    return bool(((speeds <= slow) | (speeds > fast)).all())

@@ -1,8 +1,7 @@
-"""From entries of a scene file to poses, shapes, the object and its supports.
+"""Build poses, shapes, the object and its supports from the entries of a scene file.
 
-What scenes of one folder share: hands, and whatever was built of the same content. A scene
-is built in stages. Each depends on parts of the file and on what earlier stages made; where these
-are as they were in the scene before, so is what it makes.
+A scene is built in stages. Each depends on parts of the file and on results of earlier stages. If
+these are the same as for the scene before, its result is reused. Hands are cached, too.
 """
 
 from __future__ import annotations
@@ -40,12 +39,12 @@ _Entry = TypeVar("_Entry")
 _Made = TypeVar("_Made")
 
 
-class Last(NamedTuple):
+class LastScene(NamedTuple):
     """The scene that was built last.
 
     Attributes:
-        entry: What its file holds.
-        bodies: What was built of its bodies.
+        entry: Content of its file.
+        bodies: Its bodies.
         scene: The scene.
     """
 
@@ -54,12 +53,12 @@ class Last(NamedTuple):
     scene: Any
 
 
-class Stage(NamedTuple):
-    """A step from a file to a scene.
+class StageResult(NamedTuple):
+    """Result of a stage of building.
 
     Attributes:
-        made: What it made.
-        findings: What looks wrong with it.
+        made: The object that was built.
+        findings: Findings emitted meanwhile.
     """
 
     made: Any
@@ -68,23 +67,23 @@ class Stage(NamedTuple):
 
 @dataclass(eq=False)
 class SceneParts:
-    """What the scenes of one folder leave for the next; it never changes what a scene becomes.
+    """Cache of parts of scenes in one folder, for the next scene; it never changes a result.
 
-    Of hands up to sixteen are kept; of other stages, what was made last.
+    It holds up to sixteen hands, and the last result of each other stage.
 
     Attributes:
-        hands: Hand by all of its entry that its description, fingers and control depend on.
-        latest: What each stage made last.
+        hands: Hands by the part of the entry that description, fingers and control depend on.
+        latest: Last result of each stage.
         last: The scene that was built last; None: there is none.
     """
 
     hands: Bounded[str, AssembledMounts] = field(default_factory=lambda: Bounded(_MOST_HANDS))
     latest: Latest = field(default_factory=Latest)
-    last: Last | None = None
+    last: LastScene | None = None
     _before: tuple[SceneEntry, Any] | None = None
 
     def validated(self, source: YamlSource) -> SceneEntry:
-        """Return the content of a scene file; parts as in the scene before are the same objects.
+        """Return the validated content of a scene file; unchanged parts are the same objects.
 
         Raises:
             SceneError: See `validated`.
@@ -95,41 +94,41 @@ class SceneParts:
         self._before = entry, source.data
         return entry
 
-    def made(self, name: str, sources: tuple[Any, ...], make: Callable[[], _Made]) -> _Made:
-        """Return what a stage makes, or made last of the same sources; tell what looks wrong of it.
+    def run_stage(self, name: str, sources: tuple[Any, ...], make: Callable[[], _Made]) -> _Made:
+        """Return the result of a stage, cached for the same sources, and emit its findings.
 
         Args:
-            name: Of the stage.
-            sources: All that it depends on.
-            make: Runs it.
+            name: Name of the stage.
+            sources: All that the stage depends on.
+            make: Runs the stage.
         """
-        stage = self.latest.get(name, sources)
-        if stage is None:
-            with capture() as found:
+        result = self.latest.get(name, sources)
+        if result is None:
+            with capture() as findings:
                 made = make()
-            stage = self.latest.put(name, sources, Stage(made, (*found,)))
-        emit(*stage.findings)
-        return stage.made
+            result = self.latest.put(name, sources, StageResult(made, (*findings,)))
+        emit(*result.findings)
+        return result.made
 
 
-def kept(
+def cached_by_entry(
     build: Callable[[YamlSource, SceneParts, Location, _Entry], _Made],
 ) -> Callable[[YamlSource, SceneParts, Location, _Entry], _Made]:
-    """Have what is built at a location of a scene file kept while the entry there is the same."""
+    """Decorate a builder: its result is cached by location while the entry there is the same."""
 
     @wraps(build)
-    def built(file: YamlSource, parts: SceneParts, where: Location, entry: _Entry) -> _Made:
+    def cached_build(file: YamlSource, parts: SceneParts, where: Location, entry: _Entry) -> _Made:
         name = key_text(where)
-        return parts.made(name, (entry,), lambda: build(file, parts, where, entry))
+        return parts.run_stage(name, (entry,), lambda: build(file, parts, where, entry))
 
-    return built
+    return cached_build
 
 
-@kept
+@cached_by_entry
 def build_object(
     file: YamlSource, parts: SceneParts, where: Location, entry: ObjectEntry
 ) -> ManipulatedObject:
-    """Return the object of a scene file, or what is the same of the scene before.
+    """Build the object of a scene file.
 
     Raises:
         SceneError: Naming the part of the file.
@@ -150,11 +149,11 @@ def build_object(
     return _with_pieces(parts, where, body, pose)
 
 
-@kept
+@cached_by_entry
 def build_support(
     file: YamlSource, parts: SceneParts, where: Location, entry: SupportEntry
 ) -> Support:
-    """Return the support at a location of a scene file, or what is the same of the scene before.
+    """Build the support at a location of a scene file.
 
     Raises:
         SceneError: Naming the part of the file.
@@ -173,9 +172,9 @@ def build_support(
     return _with_pieces(parts, where, body, pose)
 
 
-@kept
+@cached_by_entry
 def build_shape(file: YamlSource, parts: SceneParts, where: Location, entry: Any) -> Shape:
-    """Return the shape at a location of a scene file, which can be made of convex pieces.
+    """Build the shape at a location of a scene file, and check its convex pieces.
 
     Raises:
         SceneError: Naming the part of the file.
@@ -196,20 +195,20 @@ def build_shape(file: YamlSource, parts: SceneParts, where: Location, entry: Any
 _Body = TypeVar("_Body", ManipulatedObject, Support)
 
 
-def _with_pieces(parts: SceneParts, where: Location, made: _Body, pose: FloatArray) -> _Body:
-    """Return a body with the pieces and placements that the last one of its shape and pose had."""
-    name, kept = key_text(where), parts.latest
-    sources = made.shape, made.name
-    pieces = kept.made(f"{name}: pieces", sources, lambda: made.shapes)
-    body = changed(made, shapes=pieces)
-    placed = kept.made(f"{name}: placed pieces", (pieces, pose), lambda: body.placed_bodies)
-    return changed(body, placed_bodies=placed)
+def _with_pieces(parts: SceneParts, where: Location, body: _Body, pose: FloatArray) -> _Body:
+    """Return a body with cached convex pieces, and their poses if it has the same pose."""
+    name, cache = key_text(where), parts.latest
+    sources = body.shape, body.name
+    pieces = cache.made(f"{name}: pieces", sources, lambda: body.shapes)
+    with_shapes = changed(body, shapes=pieces)
+    placed = cache.made(f"{name}: placed pieces", (pieces, pose), lambda: with_shapes.placed_bodies)
+    return changed(with_shapes, placed_bodies=placed)
 
 
 def build_pose(
     file: YamlSource, parts: SceneParts, where: Location, entry: PoseEntry
 ) -> FloatArray:
-    """Return the (4, 4) pose at a location of a scene file, the same array while it says the same.
+    """Build the (4, 4) pose at a location of a scene file; the array is cached by its entry.
 
     Raises:
         SceneError: Naming the part of the file.
@@ -224,7 +223,7 @@ def build_pose(
 
 
 def stated_turn(pose: Mapping[str, Any]) -> tuple[str, Any]:
-    """Return in which form a pose says how it is turned, and what `pose_matrix` takes of that."""
+    """Return the form of a pose entry's rotation, and the rotation as `pose_matrix` takes it."""
     form = next((name for name in ROTATION_FORMS if pose.get(name) is not None), "rpy")
     return form, np.radians(pose[form]) if form == "rpy_deg" else pose.get(form)
 

@@ -1,6 +1,6 @@
-"""What may stand in a scene file for poses, shapes and bodies: the object, its supports, the hand.
+"""Schema of poses, shapes and bodies in a scene file: the object, its supports, the hand.
 
-The hand is made of robots: how these are mounted and controlled.
+The hand consists of robots, each with its mounting and control.
 """
 
 from __future__ import annotations
@@ -41,13 +41,13 @@ from graspless_pin.intake.fields import (
 )
 
 
-def _not_zero(vector: tuple[float, float, float]) -> tuple[float, float, float]:
+def _refuse_zero(vector: tuple[float, float, float]) -> tuple[float, float, float]:
     if not any(vector):
         raise ValueError(f"found {list(vector)}; needs a direction, so one of them not zero")
     return vector
 
 
-def _unit(quaternion: tuple[float, ...]) -> tuple[float, ...]:
+def _check_unit_length(quaternion: tuple[float, ...]) -> tuple[float, ...]:
     length = math.hypot(*quaternion)
     if length and abs(length - 1.0) > _QUATERNION_ROUNDING:  # zero is refused as a rotation
         raise ValueError(
@@ -57,13 +57,13 @@ def _unit(quaternion: tuple[float, ...]) -> tuple[float, ...]:
 
 
 _QUATERNION_ROUNDING = 0.02
-"""How far lengths of quaternions may be from 1: [0.7, 0, 0, 0.7] passes."""
+"""Largest deviation of a quaternion's length from 1: [0.7, 0, 0, 0.7] passes."""
 Vector = tuple[Finite, Finite, Finite]
 Moments = tuple[Positive, Positive, Positive]
-Direction = Annotated[Vector, AfterValidator(_not_zero)]
+Direction = Annotated[Vector, AfterValidator(_refuse_zero)]
 
 ROTATION_FORMS = ("rpy", "rpy_deg", "quaternion", "matrix")
-"""Keys of a pose that say how it is turned, one of which may stand."""
+"""Keys of a pose for its rotation, at most one of which may be given."""
 
 
 class PoseEntry(Entry):
@@ -75,9 +75,9 @@ class PoseEntry(Entry):
         description="[rad] roll, pitch, yaw, R = Rz(yaw) Ry(pitch) Rx(roll) as in URDF",
     )
     rpy_deg: Vector | None = Field(default=None, description="[deg] the same in degrees")
-    quaternion: Annotated[tuple[Finite, Finite, Finite, Finite], AfterValidator(_unit)] | None = (
-        Field(default=None, description="[1] x, y, z, w, of length 1")
-    )
+    quaternion: (
+        Annotated[tuple[Finite, Finite, Finite, Finite], AfterValidator(_check_unit_length)] | None
+    ) = Field(default=None, description="[1] x, y, z, w, of length 1")
     matrix: tuple[Vector, Vector, Vector] | None = Field(
         default=None, description="[1] rows of the rotation matrix R"
     )
@@ -90,7 +90,7 @@ class PoseEntry(Entry):
         return self
 
 
-def _one_of(*entries: type[Entry]) -> GetPydanticSchema:
+def _union_by_type(*entries: type[Entry]) -> GetPydanticSchema:
     several = Annotated[Union[*entries], Field(discriminator="type")]
     return GetPydanticSchema(lambda _, handler: handler(several))
 
@@ -101,7 +101,7 @@ _SOLIDS = tuple(one.entry() for one in SHAPES.values() if one.is_bounded)
 class PartEntry(Entry):
     """A part of a compound: a shape, and where it is."""
 
-    shape: Annotated[Entry, _one_of(*_SOLIDS)] = Field(
+    shape: Annotated[Entry, _union_by_type(*_SOLIDS)] = Field(
         description="one of the shapes below, but for a half-space and a compound"
     )
     pose: PoseEntry = Field(
@@ -118,8 +118,8 @@ class CompoundEntry(Entry):
     )
 
 
-SolidEntry = Annotated[Entry, _one_of(*_SOLIDS, CompoundEntry)]
-ShapeEntry = Annotated[Entry, _one_of(*_SOLIDS, CompoundEntry, HalfSpace.entry())]
+SolidEntry = Annotated[Entry, _union_by_type(*_SOLIDS, CompoundEntry)]
+ShapeEntry = Annotated[Entry, _union_by_type(*_SOLIDS, CompoundEntry, HalfSpace.entry())]
 
 
 class ObjectEntry(Entry):
@@ -229,7 +229,7 @@ class MountEntry(Entry):
 
     @model_validator(mode="before")
     @classmethod
-    def _no_mjcf(cls, data: Any) -> Any:
+    def _refuse_mjcf_key(cls, data: Any) -> Any:
         if isinstance(data, dict) and "mjcf" in data:
             raise ValueError("found mjcf; an MJCF is named by the key 'urdf', too")
         return data
@@ -242,7 +242,7 @@ class PrefixedMountEntry(MountEntry):
 
     @model_validator(mode="before")
     @classmethod
-    def _one_state(cls, data: Any) -> Any:
+    def _refuse_hand_keys(cls, data: Any) -> Any:
         of_all = HandEntry.model_fields.keys() - cls.model_fields.keys()
         if isinstance(data, dict) and (found := sorted(of_all & data.keys())):
             raise ValueError(
@@ -315,11 +315,11 @@ class HandEntry(MountEntry):
 
     @field_validator("effort_limits", mode="before")
     @classmethod
-    def _none_left_open(cls, limits: Any) -> Any:
+    def _refuse_empty_limits(cls, limits: Any) -> Any:
         named = limits.items() if isinstance(limits, dict) else ()
-        if open_ := [str(name) for name, value in named if value is None]:
+        if empty := [str(name) for name, value in named if value is None]:
             raise ValueError(
-                f"is left empty for {', '.join(open_)}; fill in the most that each motor gives "
+                f"is left empty for {', '.join(empty)}; fill in the most that each motor gives "
                 "(N m, or N for a prismatic joint or tendon), as its data sheet says"
             )
         return limits

@@ -1,4 +1,4 @@
-"""What touches a scene's object, looked for again only where something has moved."""
+"""The contacts of a scene's object; they are found anew only where something has moved."""
 
 from __future__ import annotations
 
@@ -42,54 +42,58 @@ class SceneContacts(Brief):
 
     @cached_property
     def points(self) -> tuple[ContactPoint, ...]:
-        """The M contacts one by one."""
+        """The M contacts as single records."""
         return tuple(self.arrays)
 
     @property
     def bodies(self) -> tuple[str, ...]:
-        """M names of the hand links and supports that touch the object."""
+        """Names of the hand link or support at each of the M contacts."""
         return self.arrays.bodies
 
 
 def touching_of(scene: SceneFields) -> ContactArrays:
-    """Return all contacts before the motion, hand first.
+    """Return all contacts, hand first, including those that the declared motion parts.
 
     Raises:
         SceneError: If bodies overlap too deeply, or a shape cannot be used.
     """
-    given, hand, kept = scene.given_contacts, scene.hand, scene._kept
+    given, hand, cache = scene.given_contacts, scene.hand, scene._kept
     if given is not None:
         links = () if hand is None else hand.link_names
-        return kept.made("given", (given, *links), lambda: given_arrays(given, links))
-    of_supports, of_all = _sources(scene)
-    on_supports = kept.made(
-        "on supports", of_supports, lambda: _found(scene, support_bodies(scene), BodyKind.SUPPORT)
+        return cache.made("given", (given, *links), lambda: stated_contact_arrays(given, links))
+    support_sources, all_sources = _contact_dependencies(scene)
+    on_supports = cache.made(
+        "on supports",
+        support_sources,
+        lambda: _contacts_with(scene, support_bodies(scene), BodyKind.SUPPORT),
     )
-    own = () if hand is None else hand.placed_bodies
-    return kept.made(
+    hand_bodies = () if hand is None else hand.placed_bodies
+    return cache.made(
         "touching",
-        (*of_all, on_supports),
-        lambda: _found(scene, own, BodyKind.HAND).followed_by(on_supports),
+        (*all_sources, on_supports),
+        lambda: _contacts_with(scene, hand_bodies, BodyKind.HAND).followed_by(on_supports),
     )
 
 
 def support_bodies(scene: SceneFields) -> PlacedBodies:
     """Return the convex pieces of all supports."""
-    each = [support.placed_bodies for support in scene.supports]
-    return scene._kept.made("support bodies", (*each,), lambda: PlacedBodies.joined(each))
+    placed = [support.placed_bodies for support in scene.supports]
+    return scene._kept.made("support bodies", (*placed,), lambda: PlacedBodies.joined(placed))
 
 
 def pieces_by_body(scene: SceneFields) -> Mapping[str, list[CollisionBody]]:
-    """Return the convex pieces of each support and link by its name; of others there are none."""
-    own = () if scene.hand is None else scene.hand.placed_bodies
+    """Return the convex pieces of each support and hand link by name; none for other names."""
+    hand_bodies = () if scene.hand is None else scene.hand.placed_bodies
     pieces: defaultdict[str, list[CollisionBody]] = defaultdict(list)
-    for body in (*support_bodies(scene), *own):
+    for body in (*support_bodies(scene), *hand_bodies):
         pieces[body.name].append(body)
     return pieces
 
 
-def _found(scene: SceneFields, bodies: Sequence[CollisionBody], kind: BodyKind) -> ContactArrays:
-    """Return the contacts of a scene's object with bodies of a kind."""
+def _contacts_with(
+    scene: SceneFields, bodies: Sequence[CollisionBody], kind: BodyKind
+) -> ContactArrays:
+    """Return the contacts of a scene's object with given bodies, all of one kind."""
     try:
         limits = ContactLimits(
             scene.contact_tolerance, scene.max_penetration, scene.points_per_patch
@@ -101,41 +105,41 @@ def _found(scene: SceneFields, bodies: Sequence[CollisionBody], kind: BodyKind) 
         raise error.at(label_of(scene)) from error
 
 
-def given_arrays(given: Sequence[GivenContact], links: Sequence[str]) -> ContactArrays:
-    """Return stated contacts as found ones are returned: those on hand links come first."""
+def stated_contact_arrays(given: Sequence[GivenContact], links: Sequence[str]) -> ContactArrays:
+    """Return stated contacts as arrays, those on hand links first."""
     kinds = [BodyKind.HAND if contact.body in links else BodyKind.SUPPORT for contact in given]
     points = [
         ContactPoint(contact.body, kind, contact.position, contact.normal, 0.0)
         for contact, kind in zip(given, kinds, strict=True)
     ]
-    return ContactArrays.of(sorted(points, key=lambda one: one.kind is BodyKind.SUPPORT))
+    return ContactArrays.of(sorted(points, key=lambda point: point.kind is BodyKind.SUPPORT))
 
 
 def with_touching(scene: AnyScene, touching: ContactArrays) -> AnyScene:
-    """Return a scene of which it is known what touches: nothing is looked for until bodies move.
+    """Return a scene with known contacts, which are not looked for until bodies move.
 
     Args:
         scene: The scene, with a hand.
         touching: All contacts, none of them with a support.
     """
-    known = changed(scene, *scene._DERIVED, _kept=Latest())
-    of_supports, of_all = _sources(known)
-    none = known._kept.put("on supports", of_supports, ContactArrays.of(()))
-    known._kept.put("touching", (*of_all, none), touching)
-    return known
+    new_scene = changed(scene, *scene._DERIVED, _kept=Latest())
+    support_sources, all_sources = _contact_dependencies(new_scene)
+    none = new_scene._kept.put("on supports", support_sources, ContactArrays.of(()))
+    new_scene._kept.put("touching", (*all_sources, none), touching)
+    return new_scene
 
 
-def _sources(scene: SceneFields) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
-    """Return what contacts with supports depend on, and what all of them do beside those."""
+def _contact_dependencies(scene: SceneFields) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
+    """Return the data that support contacts depend on, and the further data of all contacts."""
     hand, placed = scene.hand, scene.object.placed_bodies
     limits = scene.contact_tolerance, scene.max_penetration, scene.points_per_patch
-    each = [support.placed_bodies for support in scene.supports]
-    own = () if hand is None else (hand.positions, hand.tree)
-    return (placed, *each, *limits), (*own, placed, *limits)
+    supports = [support.placed_bodies for support in scene.supports]
+    hand_sources = () if hand is None else (hand.positions, hand.tree)
+    return (placed, *supports, *limits), (*hand_sources, placed, *limits)
 
 
 def contacts_of(scene: SceneFields) -> SceneContacts:
-    """Return the contacts that carry force: those that the declared motion does not part.
+    """Return the contacts that carry force: without those that the declared motion parts.
 
     Raises:
         StateError: See `Scene.contacts`.
@@ -143,11 +147,11 @@ def contacts_of(scene: SceneFields) -> SceneContacts:
     """
     touching = touching_of(scene)
     sources = touching, scene.motion, scene.supports, scene.object, scene.hand
-    # Kept beside `Scene.contacts`: checks and problems of one state ask here, and as records.
-    return scene._kept.made("contacts", sources, lambda: _after_motion(scene, touching))
+    # Cached in addition to `Scene.contacts`, as checks and problems of one state call this.
+    return scene._kept.made("contacts", sources, lambda: _contacts_after_motion(scene, touching))
 
 
-def _after_motion(scene: SceneFields, touching: ContactArrays) -> SceneContacts:
+def _contacts_after_motion(scene: SceneFields, touching: ContactArrays) -> SceneContacts:
     if not len(touching):
         nothing = f"nothing touches object {scene.object.name!r}"
         advice = (
@@ -161,9 +165,9 @@ def _after_motion(scene: SceneFields, touching: ContactArrays) -> SceneContacts:
         return SceneContacts(touching, np.zeros((len(touching), 3)))
     motion, center = scene.motion or Motion(np.zeros(6)), scene.object.center_of_mass_world
     try:
-        others = _body_velocities(scene, touching, motion)
+        body_velocities = _body_velocities(scene, touching, motion)
         kept, sliding = contacts_that_stay(
-            touching, motion.object_twist, center, others, scene.object.name
+            touching, motion.object_twist, center, body_velocities, scene.object.name
         )
     except SceneError as error:
         raise error.at(f"{label_of(scene)}: motion") from error
@@ -179,7 +183,7 @@ def _after_motion(scene: SceneFields, touching: ContactArrays) -> SceneContacts:
 
 
 def _body_velocities(scene: SceneFields, touching: ContactArrays, motion: Motion) -> FloatArray:
-    """Return (M, 3) velocities of what the object touches, m/s: those of the hand by default its.
+    """Return (M, 3) velocities of the bodies at the contacts, m/s; a hand follows by default.
 
     Args:
         scene: The scene.

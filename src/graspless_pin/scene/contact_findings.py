@@ -1,7 +1,7 @@
-"""What is doubtful of a scene's contacts: near misses, deep overlaps, gaps, stated contacts.
+"""Findings on a scene's contacts: near misses, deep overlaps, uneven gaps, stated contacts.
 
-Contacts that a scene states may contradict its shapes: points off them, normals the wrong way.
-Shapes may be simpler than what they stand for, so the contacts are used all the same.
+Stated contacts may contradict the shapes: points off the surface, normals in the wrong direction.
+Shapes may be simplified, so such contacts are used all the same.
 """
 
 from __future__ import annotations
@@ -29,20 +29,20 @@ from graspless_pin.scene.fields import SceneFields
 _NEAR_MISS = 5.0  # contact tolerances
 _TURNED_NORMAL = np.radians(20.0)
 _UNEVEN_GAPS = 0.1
-"""Contact tolerances: gaps of one rigid body that differ by less are the same."""
+"""In contact tolerances: gaps of one rigid body that differ by less count as equal."""
 _GAP_ROUNDING = 1e-6
 _STEP_INTO_BODIES = 3.0
-"""Contact tolerances to either side, where it is looked on which one the object is."""
+"""In contact tolerances: distance to either side at which the object is looked for."""
 
 
 def stated_contact_findings(scene: SceneFields) -> Iterator[Finding]:
-    """Find stated contacts off the surfaces of object or body, and normals out of the object.
+    """Find stated contacts off the surface of object or body, and normals out of the object.
 
-    Both are measured by ``contact_tolerance``. Bodies without shapes are left out.
+    Distances are compared with ``contact_tolerance``. Bodies without shapes are not checked.
     """
     pieces = pieces_by_body(scene)
     target, tolerance = scene.object, scene.contact_tolerance
-    off: list[tuple[float, int, str]] = []
+    off_surface: list[tuple[float, int, str]] = []
     outward: list[int] = []
     for index, contact in enumerate(scene.given_contacts or ()):
         gaps = {
@@ -53,11 +53,11 @@ def stated_contact_findings(scene: SceneFields) -> Iterator[Finding]:
             )
             if len(bodies)
         }
-        apart = [(gap, name) for name, gap in gaps.items() if gap > tolerance]
-        if apart:
-            words = " and ".join(f"{in_mm(gap)} from the surface of {on}" for gap, on in apart)
-            off.append((max(apart)[0], index, words))
-        elif _points_out(target.placed_bodies, contact.position, contact.normal, tolerance):
+        gapped = [(gap, name) for name, gap in gaps.items() if gap > tolerance]
+        if gapped:
+            words = " and ".join(f"{in_mm(gap)} from the surface of {on}" for gap, on in gapped)
+            off_surface.append((max(gapped)[0], index, words))
+        elif _normal_points_out(target.placed_bodies, contact.position, contact.normal, tolerance):
             outward.append(index)
     if outward:
         several = len(outward) > 1
@@ -70,9 +70,9 @@ def stated_contact_findings(scene: SceneFields) -> Iterator[Finding]:
             "turn it round: normals point from the other body into the object",
             ("contacts", outward[0], "normal"),
         )
-    if off:
-        _, index, words = max(off)
-        others = f" ({len(off) - 1} more are off)" if len(off) > 1 else ""
+    if off_surface:
+        _, index, words = max(off_surface)
+        others = f" ({len(off_surface) - 1} more are off)" if len(off_surface) > 1 else ""
         yield Finding(
             FindingCode.CONTACT_OFF_SURFACE,
             target.name,
@@ -83,44 +83,45 @@ def stated_contact_findings(scene: SceneFields) -> Iterator[Finding]:
         )
 
 
-def _points_out(
+def _normal_points_out(
     bodies: PlacedBodies, point: FloatArray, normal: FloatArray, tolerance: float
 ) -> bool:
-    """Return whether the object lies behind a point of its surface, as its normal sees it.
+    """Return whether a normal points out of the object: the object lies behind the point.
 
     Args:
-        bodies: Its convex pieces; those at the point count, and one that lies ahead is enough.
+        bodies: Convex pieces of the object. Only those at the point count, and all have to lie
+            behind it.
         point: (3,) world, m.
         normal: (3,) unit, world axes.
         tolerance: m.
     """
-    here = abs(distances_to_point(bodies, point)) <= tolerance
-    touching = [body for body, counts in zip(bodies, here, strict=True) if counts]
+    is_near = abs(distances_to_point(bodies, point)) <= tolerance
+    touching = [body for body, near in zip(bodies, is_near, strict=True) if near]
     step = _STEP_INTO_BODIES * tolerance * normal
     ahead, behind = (distances_to_point(touching, point + offset) for offset in (step, -step))
     return bool((ahead > behind + tolerance).all())
 
 
 def contact_findings(scene: SceneFields, touching: ContactArrays | None) -> Iterator[Finding]:
-    """Find what misses the object by little, and what touches it in a doubtful way.
+    """Find near misses, deep overlaps, ambiguous normals and uneven gaps.
 
     Args:
-        scene: The scene, whose contacts are found.
-        touching: The contacts; None: there are none.
+        scene: The scene, without stated contacts.
+        touching: Its contacts; None: there are none.
     """
-    yield from _missed(scene, set(() if touching is None else touching.bodies))
+    yield from _near_miss_findings(scene, set(() if touching is None else touching.bodies))
     if touching is not None:
-        yield from _doubtful(scene, touching)
-        yield from _uneven(scene, touching)
+        yield from _overlap_and_normal_findings(scene, touching)
+        yield from _uneven_gap_findings(scene, touching)
 
 
-def _missed(scene: SceneFields, touching: set[str]) -> Iterator[Finding]:
+def _near_miss_findings(scene: SceneFields, touching: set[str]) -> Iterator[Finding]:
     """Find supports and fingers that miss the object by a few tolerances."""
     tolerance, pieces = scene.contact_tolerance, scene.object.placed_bodies
     reach = _NEAR_MISS * tolerance
 
     if touching and not touching & {one.name for one in scene.supports}:
-        yield from _no_support(scene, reach)
+        yield from _no_support_findings(scene, reach)
     for index, support in enumerate(scene.supports):
         if support.name in touching:
             continue
@@ -164,16 +165,16 @@ def _missed(scene: SceneFields, touching: set[str]) -> Iterator[Finding]:
             )
     if len(hand.mounts) > 1:
         missed = {link for gap, link in nearest.values() if gap <= reach}
-        yield from _idle_mounts(scene, hand, touching, missed)
+        yield from _idle_mount_findings(scene, hand, touching, missed)
 
 
-def _no_support(scene: SceneFields, reach: float) -> Iterator[Finding]:
-    """Find that the object leans on nothing, where no support is within reach (m) of it."""
+def _no_support_findings(scene: SceneFields, reach: float) -> Iterator[Finding]:
+    """Find that no support touches the object or is within reach (m) of it."""
     pieces = scene.object.placed_bodies
     gaps = {
-        one.name: nearest_separation(pieces, one.placed_bodies).distance
-        for one in scene.supports
-        if len(one.placed_bodies)
+        support.name: nearest_separation(pieces, support.placed_bodies).distance
+        for support in scene.supports
+        if len(support.placed_bodies)
     }
     nearest = min(gaps, key=gaps.__getitem__, default=None)
     if nearest is not None and gaps[nearest] > reach:
@@ -188,11 +189,11 @@ def _no_support(scene: SceneFields, reach: float) -> Iterator[Finding]:
         )
 
 
-def _idle_mounts(
+def _idle_mount_findings(
     scene: SceneFields, hand: Hand, touching: set[str], missed: set[str]
 ) -> Iterator[Finding]:
-    """Find robots of a hand that touch nothing while others do, nor nearly so."""
-    index = {mount.prefix: place for place, mount in enumerate(hand.mounts)}
+    """Find robots of a hand that neither touch nor nearly touch the object while others do."""
+    index = {mount.prefix: number for number, mount in enumerate(hand.mounts)}
     prefixes = sorted(index, key=len, reverse=True)
     bodies: dict[str, list[CollisionBody]] = {prefix: [] for prefix in index}
     for body in hand.placed_bodies:
@@ -213,8 +214,8 @@ def _idle_mounts(
             )
 
 
-def _doubtful(scene: SceneFields, touching: ContactArrays) -> Iterator[Finding]:
-    """Find deep overlaps, and normals that a small shift would turn."""
+def _overlap_and_normal_findings(scene: SceneFields, touching: ContactArrays) -> Iterator[Finding]:
+    """Find deep overlaps, and normals that a small shift would turn by a large angle."""
     deepest: dict[str, float] = {}
     for body, gap in zip(touching.bodies, touching.distances, strict=True):
         deepest[body] = min(deepest.get(body, 0.0), gap)
@@ -252,26 +253,26 @@ def _doubtful(scene: SceneFields, touching: ContactArrays) -> Iterator[Finding]:
             )
 
 
-def _uneven(scene: SceneFields, touching: ContactArrays) -> Iterator[Finding]:
-    """Find contacts whose gaps a rigid body cannot close beside a nearer one of its own.
+def _uneven_gap_findings(scene: SceneFields, touching: ContactArrays) -> Iterator[Finding]:
+    """Find contacts whose gap a rigid body cannot close together with a smaller gap of its own.
 
-    `contact_tolerance` says how far bodies may be from where they touch. Once the nearer contact
-    touches, a body may so slide along it by the tolerance, and turn by what faces count as parallel
-    within. That closes the other gap by no more than the sum of both, seen along its normal.
+    `contact_tolerance` bounds how far bodies are from touching. Once the contact with the smaller
+    gap touches, the body may slide along it by the tolerance, and turn by the angle within which
+    faces count as parallel. Along its normal, the other gap closes by at most the sum of both.
     """
     names, tolerance = touching.bodies, scene.contact_tolerance
     gaps, normals = np.array(touching.distances), touching.normals
     cosines = np.clip(normals @ normals.T, -1.0, 1.0)
     sines = np.sqrt(1.0 - cosines**2)
     levers = np.linalg.norm(touching.positions[:, None] - touching.positions, axis=2)
-    behind = gaps[:, None] - gaps * cosines
-    excess = behind - tolerance * sines - PARALLEL_ANGLE * levers
-    # Links that no joint parts are one rigid body, and so are all supports.
+    gap_difference = gaps[:, None] - gaps * cosines
+    excess = gap_difference - tolerance * sines - PARALLEL_ANGLE * levers
+    # Links without a joint between them are one rigid body, and so are all supports.
     links = {} if scene.hand is None else scene.hand.tree.link_joints
     count = touching.hand_count
-    rigid = np.array([links[name] if k < count else -1 for k, name in enumerate(names)])
+    rigid_body = np.array([links[name] if k < count else -1 for k, name in enumerate(names)])
     ranks = np.argsort(np.argsort(gaps, kind="stable"))
-    excess[(rigid[:, None] != rigid) | (ranks[:, None] <= ranks)] = 0.0
+    excess[(rigid_body[:, None] != rigid_body) | (ranks[:, None] <= ranks)] = 0.0
     most = excess.max(axis=1, initial=0.0)
     for name in dict.fromkeys(names):
         far = max((k for k, one in enumerate(names) if one == name), key=lambda k: most[k])
@@ -279,14 +280,14 @@ def _uneven(scene: SceneFields, touching: ContactArrays) -> Iterator[Finding]:
             continue
         near = int(np.argmax(excess[far]))
         gap, object_name = in_mm(gaps[far]), scene.object.name
-        beside = f"'{names[near]}', rigid with it,"
+        near_words = f"'{names[near]}', rigid with it,"
         if names[near] == name:
-            beside = "another of its contacts"
-        angle = np.degrees(np.arctan2(behind[far, near], levers[far, near]))
+            near_words = "another of its contacts"
+        angle = np.degrees(np.arctan2(gap_difference[far, near], levers[far, near]))
         yield Finding(
             FindingCode.UNEVEN_GAPS,
             name,
-            f"'{name}' is {gap} from object '{object_name}' at one contact, where {beside} is "
+            f"'{name}' is {gap} from object '{object_name}' at one contact, where {near_words} is "
             f"{in_mm(gaps[near])} from it: both count as contacts that bear, and they only touch "
             f"at once if the bodies turn by {angle:.2g} degrees",
             "correct their poses (q, base_pose, settle), or leave this contact out: "
@@ -296,5 +297,5 @@ def _uneven(scene: SceneFields, touching: ContactArrays) -> Iterator[Finding]:
 
 
 def in_mm(metres: float) -> str:
-    """Return a length in the unit that reads best."""
+    """Return a length (m) as text, in mm if it is below one metre."""
     return f"{1e3 * metres:.4g} mm" if abs(metres) < 1.0 else f"{metres:.4g} m"

@@ -1,4 +1,4 @@
-"""What looks like a mistake in a scene file, and is gone once the file is a scene."""
+"""Findings on a scene file that could not be made from the built scene any more."""
 
 from __future__ import annotations
 
@@ -18,29 +18,29 @@ from graspless_pin.scene.body_schema import PoseEntry
 from graspless_pin.scene.scene_schema import SceneEntry
 
 MOST_ANGLE = 2.0 * math.pi + 1e-9
-"""Larger angles, rad, are taken for degrees."""
+"""Larger angles (rad) are probably in degrees."""
 _SHARES = math.pi / 12.0 * np.array([2.0, 3.0, 4.0, 6.0, 8.0, 9.0, 10.0, 12.0, 18.0, 24.0])
-"""Angles in degrees that are one of these are taken for radians."""
+"""Angles in degrees with one of these values are probably in radians."""
 _ROUNDED = 1e-3  # rad
 _IDENTITY_W_FIRST = [1.0, 0.0, 0.0, 0.0]
-"""No rotation where the order is w, x, y, z, and half a turn about x in ours."""
+"""The identity in the order w, x, y, z; half a turn about x in ours."""
 
 
 def entry_findings(entry: SceneEntry, table: Materials) -> Iterator[Finding]:
-    """Find angles and quaternions that look like other ones, and materials that count for nothing.
+    """Find angles and quaternions in another convention, and materials without effect.
 
     Args:
-        entry: The file.
-        table: Its materials.
+        entry: Content of the file.
+        table: Its table of materials.
     """
-    for location, subject, pose in _poses(entry):
-        yield from _of_angles(location, subject, pose)
-        yield from _in_radians(location, subject, pose)
-        yield from _of_quaternion(location, subject, pose)
-    yield from _of_materials(entry, table)
+    for location, subject, pose in _pose_entries(entry):
+        yield from _degree_findings(location, subject, pose)
+        yield from _radian_findings(location, subject, pose)
+        yield from _quaternion_findings(location, subject, pose)
+    yield from _material_findings(entry, table)
 
 
-def _poses(entry: SceneEntry) -> Iterator[tuple[Location, str, PoseEntry]]:
+def _pose_entries(entry: SceneEntry) -> Iterator[tuple[Location, str, PoseEntry]]:
     yield ("object", "pose"), entry.object.name, entry.object.pose
     for index, support in enumerate(entry.supports):
         yield ("supports", index, "pose"), support.name, support.pose
@@ -51,47 +51,51 @@ def _poses(entry: SceneEntry) -> Iterator[tuple[Location, str, PoseEntry]]:
         yield ("hand", "mounts", index, "base_pose"), mount.prefix, mount.base_pose
 
 
-def _of_angles(location: Location, subject: str, pose: PoseEntry) -> Iterator[Finding]:
+def _degree_findings(location: Location, subject: str, pose: PoseEntry) -> Iterator[Finding]:
     angles = pose.rpy or ()
     if any(abs(angle) > MOST_ANGLE for angle in angles):
-        given = ", ".join(f"{angle:g}" for angle in angles)
+        angle_list = ", ".join(f"{angle:g}" for angle in angles)
         large = [f"{angle:g}" for angle in angles if abs(angle) > MOST_ANGLE]
         radians = ", ".join(
             f"{math.radians(angle):.5g}" if abs(angle) > MOST_ANGLE else f"{angle:.10g}"
             for angle in angles
         )
-        correction = f"[{given}] degrees are [{radians}] rad"
+        correction = f"[{angle_list}] degrees are [{radians}] rad"
         if len(large) < sum(map(bool, angles)):
             verb = "is" if len(large) == 1 else "are"
             correction = f"if {' and '.join(large)} alone {verb} in degrees, it is [{radians}] rad"
         yield Finding(
             FindingCode.ANGLE_IN_DEGREES,
             subject,
-            f"the angles [{given}] rad of '{subject}' are more than a turn",
+            f"the angles [{angle_list}] rad of '{subject}' are more than a turn",
             f"give angles in radians, or all of them under rpy_deg: {correction}",
             (*location, "rpy"),
         )
 
 
-def _in_radians(location: Location, subject: str, pose: PoseEntry) -> Iterator[Finding]:
+def _radian_findings(location: Location, subject: str, pose: PoseEntry) -> Iterator[Finding]:
     angles = pose.rpy_deg or ()
-    turned = np.abs([angle for angle in angles if angle])
-    if len(turned) and (np.abs(turned[:, None] - _SHARES).min(axis=1) <= _ROUNDED).all():
-        given = ", ".join(f"{angle:g}" for angle in angles)
+    nonzero = np.abs([angle for angle in angles if angle])
+    if len(nonzero) and (np.abs(nonzero[:, None] - _SHARES).min(axis=1) <= _ROUNDED).all():
+        angle_list = ", ".join(f"{angle:g}" for angle in angles)
         degrees = ", ".join(f"{math.degrees(angle):.4g}" for angle in angles)
         yield Finding(
             FindingCode.ANGLE_IN_RADIANS,
             subject,
-            f"the angles [{given}] degrees of '{subject}' look like radians",
+            f"the angles [{angle_list}] degrees of '{subject}' look like radians",
             f"give them under rpy, or [{degrees}] under rpy_deg",
             (*location, "rpy_deg"),
         )
 
 
-def _of_quaternion(location: Location, subject: str, pose: PoseEntry) -> Iterator[Finding]:
-    """Find half a turn about x; hands are mounted so, bodies hardly are."""
-    given = np.abs(pose.quaternion or ())
-    if location[0] != "hand" and given.size and np.allclose(given, _IDENTITY_W_FIRST, atol=1e-6):
+def _quaternion_findings(location: Location, subject: str, pose: PoseEntry) -> Iterator[Finding]:
+    """Find half a turn about x of a body; hands are often mounted so."""
+    entries = np.abs(pose.quaternion or ())
+    if (
+        location[0] != "hand"
+        and entries.size
+        and np.allclose(entries, _IDENTITY_W_FIRST, atol=1e-6)
+    ):
         yield Finding(
             FindingCode.QUATERNION_ORDER,
             subject,
@@ -101,21 +105,21 @@ def _of_quaternion(location: Location, subject: str, pose: PoseEntry) -> Iterato
         )
 
 
-def _of_materials(entry: SceneEntry, table: Materials) -> Iterator[Finding]:
-    """Find names in the table that look misspelt, and a table of which no pair counts.
+def _material_findings(entry: SceneEntry, table: Materials) -> Iterator[Finding]:
+    """Find probably misspelt names in the table, and a table of which no pair is used.
 
-    Other pairs that no body has are fine: scenes may share a table. So is a table in a scene that
-    gives no body a material.
+    Other unused pairs are fine, as scenes may share a table. So is a table in a scene without
+    materials of bodies.
     """
     own, others = entry.object.material, other_materials(entry)
     used = {name for name in (own, *others) if name is not None}
-    for name, meant in table.misspelt(used).items():
+    for name, likely_name in table.misspelt(used).items():
         pair = next((a, b) for a, row in entry.materials.items() for b in row if name in (a, b))
         yield Finding(
             FindingCode.MISSPELT_MATERIAL,
             name,
             f"no body is of the material {name!r}",
-            f"did you mean {meant!r}?",
+            f"did you mean {likely_name!r}?",
             ("materials", *pair),
         )
     if used and not any(frozenset((own, other)) in table.coefficients for other in others):
@@ -129,30 +133,30 @@ def _of_materials(entry: SceneEntry, table: Materials) -> Iterator[Finding]:
 
 
 def other_materials(entry: SceneEntry) -> tuple[str | None, ...]:
-    """Return the materials of what may touch the object; None: not given."""
+    """Return the materials of hand and supports; None for one that is not given."""
     hand = () if entry.hand is None else (entry.hand.material,)
     return (*hand, *(support.material for support in entry.supports))
 
 
 def materials_in_words(own: str | None, others: Iterable[str | None]) -> str:
-    """Return what the bodies are of, for messages."""
-    named = sorted({repr(name) for name in others if name is not None})
+    """Return, for messages, which materials the object and the other bodies have."""
+    names = sorted({repr(name) for name in others if name is not None})
     return (
         f"the object is of {'no material' if own is None else repr(own)}, hand and supports are of "
-        f"{', '.join(named) or 'no material'}"
+        f"{', '.join(names) or 'no material'}"
     )
 
 
 _POSSIBLE_DENSITIES = 1.0, HIGHEST_DENSITY  # kg/m^3; the first is that of a balloon
 LARGEST_OBJECT = 5.0
-"""Of what hands move, m."""
-_USUAL_OBJECT = 0.1  # m, of most
+"""Size above which an object beside a hand is doubtful, m."""
+_USUAL_OBJECT = 0.1  # m, of most objects
 _LARGEST_TOLERANCE = 0.1
-"""Of the object's smallest extent."""
+"""Relative to the object's smallest extent."""
 
 
 def unit_findings(target: ManipulatedObject, *, beside_hand: bool) -> Iterator[Finding]:
-    """Find a density of no material, a size that no hand holds, and an inertia of no such body.
+    """Find an impossible density, a size too large for a hand, and an impossible inertia.
 
     Args:
         target: The object.
@@ -165,30 +169,30 @@ def unit_findings(target: ManipulatedObject, *, beside_hand: bool) -> Iterator[F
         yield Finding(
             FindingCode.UNLIKELY_SIZE,
             target.name,
-            f"object '{target.name}' is {_lengths(size)} m large, beside a hand",
-            f"give lengths in metres: it looks like {_in_metres(size)}?",
+            f"object '{target.name}' is {_size_text(size)} m large, beside a hand",
+            f"give lengths in metres: it looks like {_size_guess(size)}?",
             ("object", "shape"),
         )
     if not _POSSIBLE_DENSITIES[0] <= density <= _POSSIBLE_DENSITIES[1]:
-        heavy = density > _POSSIBLE_DENSITIES[1]
+        is_heavy = density > _POSSIBLE_DENSITIES[1]
         yield Finding(
             FindingCode.UNLIKELY_DENSITY,
             target.name,
             f"object '{target.name}' has {density:.3g} kg/m^3, which is "
-            + ("more than any metal has" if heavy else "less than air has"),
-            f"give the mass in kilograms and lengths in metres{_meant(target, density, size)}",
+            + ("more than any metal has" if is_heavy else "less than air has"),
+            f"give the mass in kilograms and lengths in metres{_unit_guess(target, density, size)}",
             ("object", "mass"),
         )
 
     if target.inertia is not None:
         moment = float(np.linalg.eigvalsh(target.inertia)[2])
-        most = target.mass * reach_of(target) ** 2
-        if moment > most:
+        largest = target.mass * reach_of(target) ** 2
+        if moment > largest:
             yield Finding(
                 FindingCode.UNLIKELY_INERTIA,
                 target.name,
                 f"the inertia of object '{target.name}' has a moment of {moment:.3g} kg m^2, and "
-                f"{target.mass:g} kg inside its shape have at most {most:.3g}",
+                f"{target.mass:g} kg inside its shape have at most {largest:.3g}",
                 "give it about the centre of mass in kg m^2 (1 g mm^2 is 1e-9 kg m^2), or leave "
                 "it out: shape and mass tell it",
                 ("object", "inertia"),
@@ -198,13 +202,11 @@ def unit_findings(target: ManipulatedObject, *, beside_hand: bool) -> Iterator[F
 def tolerance_findings(
     target: ManipulatedObject, tolerances: Mapping[str, float]
 ) -> Iterator[Finding]:
-    """Find lengths that pass for contact and are not small beside the object.
-
-    What is as it would be if the file left it out is none.
+    """Find contact tolerances that are not small against the object; defaults are accepted.
 
     Args:
         target: The object.
-        tolerances: m, by key of the scene.
+        tolerances: Lengths by key of the scene, m.
     """
     low, high = box_around(target)
     smallest = float((high - low).min())
@@ -229,23 +231,23 @@ def box_around(target: ManipulatedObject) -> tuple[FloatArray, FloatArray]:
 
 
 def reach_of(target: ManipulatedObject) -> float:
-    """Return how far an object reaches from its centre of mass at most, m."""
+    """Return a bound on the distance of the object's points from its centre of mass, m."""
     pieces, center = target.placed_bodies, target.center_of_mass_world
     solids = solids_of(pieces.shapes)
     return max(
-        float(np.linalg.norm(transformed(T, middle) - center) + reach)
-        for T, middle, reach in zip(pieces.poses, solids.centers, solids.reaches, strict=True)
+        float(np.linalg.norm(transformed(T, piece_center) - center) + reach)
+        for T, piece_center, reach in zip(pieces.poses, solids.centers, solids.reaches, strict=True)
     )
 
 
-def _meant(target: ManipulatedObject, density: float, size: FloatArray) -> str:
-    """Return which other unit would make a density possible, and what it would be then."""
+def _unit_guess(target: ManipulatedObject, density: float, size: FloatArray) -> str:
+    """Return, for messages, the unit of mass or length that would make a density possible."""
     words_by_factor = {
         1e-3: f"the mass looks like grams, {1e-3 * target.mass:.3g} kg?",
-        1e9: f"the size looks like millimetres, {_lengths(1e-3 * size)} m?",
+        1e9: f"the size looks like millimetres, {_size_text(1e-3 * size)} m?",
         1e3: f"the density looks like g/cm^3, {1e3 * density:.3g} kg/m^3?",
-        1e6: f"it looks like centimetres, {_lengths(1e-2 * size)} m, or millimetres and grams, "
-        f"{_lengths(1e-3 * size)} m and {1e-3 * target.mass:.3g} kg?",
+        1e6: f"it looks like centimetres, {_size_text(1e-2 * size)} m, or millimetres and grams, "
+        f"{_size_text(1e-3 * size)} m and {1e-3 * target.mass:.3g} kg?",
     }
     for factor, words in words_by_factor.items():
         if _POSSIBLE_DENSITIES[0] <= factor * density <= _POSSIBLE_DENSITIES[1]:
@@ -253,12 +255,12 @@ def _meant(target: ManipulatedObject, density: float, size: FloatArray) -> str:
     return ""
 
 
-def meant_lengths(given: FloatArray, longest: FloatArray) -> str:
-    """Return what lengths would be in metres that are given in a smaller unit by mistake.
+def likely_lengths(given: FloatArray, longest: FloatArray) -> str:
+    """Return, for messages, lengths in metres if they were given in mm or cm by mistake.
 
     Args:
-        given: (3,) as they are, m.
-        longest: (3,) m, that they may be.
+        given: (3,) the stated lengths, m.
+        longest: (3,) largest plausible lengths, m.
     """
     units = {"centimetres": 1e-2, "millimetres": 1e-3}
     fitting = [
@@ -269,14 +271,14 @@ def meant_lengths(given: FloatArray, longest: FloatArray) -> str:
     return f": {', '.join(fitting)}" if fitting else ""
 
 
-def _in_metres(size: FloatArray) -> str:
-    """Return what a size would be that is given in a smaller unit, the likelier one first."""
+def _size_guess(size: FloatArray) -> str:
+    """Return, for messages, a size read in mm and in cm, the likelier unit first."""
     units = {"millimetres": 1e-3, "centimetres": 1e-2}
     likely = sorted(
         units.items(), key=lambda unit: abs(math.log(unit[1] * size.max() / _USUAL_OBJECT))
     )
-    return ", or ".join(f"{unit}, {_lengths(factor * size)} m" for unit, factor in likely)
+    return ", or ".join(f"{unit}, {_size_text(factor * size)} m" for unit, factor in likely)
 
 
-def _lengths(size: FloatArray) -> str:
+def _size_text(size: FloatArray) -> str:
     return " x ".join(f"{length:.3g}" for length in np.asarray(size).tolist())

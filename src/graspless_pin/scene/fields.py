@@ -1,6 +1,6 @@
-"""What a scene is made of: a record of hand, object, supports and figures, each checked.
+"""The fields of a scene: a record of hand, object, supports and figures, each checked.
 
-`Scene` adds what can be asked of it.
+`Scene` adds the methods.
 """
 
 from __future__ import annotations
@@ -40,18 +40,18 @@ _PARTS = {
 
 
 def _checked_changes(changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Return fields of a scene by name, each checked, figures as a scene file takes them.
+    """Return changes of fields by name, each value checked, figures by the scene file's schema.
 
     Raises:
-        ArgumentError: If a name is none of the fields, or a value not one of its field.
+        ArgumentError: If a name is no field, or a value is invalid for its field.
     """
     checked = {}
     for name, value in changes.items():
         if name not in _CHECKS:
             keys = [f"{part}.{name}" for part, named in _PARTS.items() if name in named]
-            meant = f"with_changes({{{keys[0]!r}: ...}}) sets that of a file; " if keys else ""
+            advice = f"with_changes({{{keys[0]!r}: ...}}) sets that of a file; " if keys else ""
             known = names_in_words(name, _CHECKS)
-            raise ArgumentError(name, f"is no field of a scene; {meant}{known}")
+            raise ArgumentError(name, f"is no field of a scene; {advice}{known}")
         checked[name] = _CHECKS[name](name, value)
     return checked
 
@@ -64,10 +64,10 @@ _IN_A_FILE = {
     "given_contacts": "'contacts': [{...}]",
     "hand_material": "'hand.material': 'rubber'",
 }  # fmt: skip
-"""What a scene file says in the place of a field, for `Scene.with_changes`."""
+"""The form of a field in a scene file, for messages of `Scene.with_changes`."""
 
 
-def _one(kind: type, example: str = "", *, optional: bool = False) -> _Check:
+def _instance_check(kind: type, example: str = "", *, optional: bool = False) -> _Check:
     def check(name: str, value: Any) -> Any:
         if isinstance(value, kind) or (optional and value is None):
             return value
@@ -82,32 +82,32 @@ def _one(kind: type, example: str = "", *, optional: bool = False) -> _Check:
     return check
 
 
-def _several(kind: type, example: str = "", *, optional: bool = False) -> _Check:
-    one = _one(kind, example)
+def _tuple_check(kind: type, example: str = "", *, optional: bool = False) -> _Check:
+    check_item = _instance_check(kind, example)
 
     def check(name: str, value: Any) -> Any:
         if optional and value is None:
             return None
         if isinstance(value, str | Mapping) or not hasattr(value, "__iter__"):
             value = (value,)
-        return tuple([one(name, item) for item in value])
+        return tuple([check_item(name, item) for item in value])
 
     return check
 
 
-def _as_in_a_file(name: str, value: Any) -> Any:
-    """Check a figure by the schema of scene files."""
+def _check_by_schema(name: str, value: Any) -> Any:
+    """Return a figure as the schema of scene files validates it."""
     return checked_key(SCENE, SceneEntry, _LEAST, name, value)
 
 
-def _friction(name: str, value: Any) -> Mapping[str, float]:
-    found = _as_in_a_file(name, value)
-    return found if isinstance(found, Mapping) else {"default": found}
+def _checked_friction(name: str, value: Any) -> Mapping[str, float]:
+    friction = _check_by_schema(name, value)
+    return friction if isinstance(friction, Mapping) else {"default": friction}
 
 
-def _loads(name: str, value: Any) -> tuple[Load, ...]:
-    loads = _several(Load, "Load('cable', force=[0, 0, 2])")(name, value)
-    check_load_names([one.name for one in loads])
+def _checked_loads(name: str, value: Any) -> tuple[Load, ...]:
+    loads = _tuple_check(Load, "Load('cable', force=[0, 0, 2])")(name, value)
+    check_load_names([load.name for load in loads])
     return loads
 
 
@@ -124,51 +124,51 @@ def check_load_names(names: Sequence[str]) -> None:
 
 
 _CHECKS: dict[str, _Check] = {
-    "name": _one(str),
-    "object": _one(
+    "name": _instance_check(str),
+    "object": _instance_check(
         ManipulatedObject,
         "dataclasses.replace(scene.object, mass=2.0), scene.object.with_pose(T)",
     ),
-    "friction": _friction,
-    "hand": _one(Hand, "scene.hand.with_configuration({...})", optional=True),
-    "supports": _several(Support, "(*scene.supports, Support(name, shape, T_world_support))"),
-    "path": _one(Path, optional=True),
-    "gravity": lambda name, value: np.array(_as_in_a_file(name, value), dtype=np.float64),
-    "materials": _one(Materials),
-    "hand_material": _one(str, optional=True),
-    "given_contacts": _several(GivenContact, optional=True),
-    "motion": _one(Motion, "Motion([0.1, 0, 0, 0, 0, 0])", optional=True),
-    "loads": _loads,
-    "acceleration": _one(Acceleration, "Acceleration(linear=[2, 0, 0])", optional=True),
-    "max_normal_force": _as_in_a_file,
-    "cone_edges": _as_in_a_file,
-    "cone": _as_in_a_file,
-    "contact_tolerance": _as_in_a_file,
-    "points_per_patch": _as_in_a_file,
-    "tangent_axes": lambda name, value: tuple(map(np.array, _as_in_a_file(name, value))),
-    "count_own_weight": _one(bool),
+    "friction": _checked_friction,
+    "hand": _instance_check(Hand, "scene.hand.with_configuration({...})", optional=True),
+    "supports": _tuple_check(Support, "(*scene.supports, Support(name, shape, T_world_support))"),
+    "path": _instance_check(Path, optional=True),
+    "gravity": lambda name, value: np.array(_check_by_schema(name, value), dtype=np.float64),
+    "materials": _instance_check(Materials),
+    "hand_material": _instance_check(str, optional=True),
+    "given_contacts": _tuple_check(GivenContact, optional=True),
+    "motion": _instance_check(Motion, "Motion([0.1, 0, 0, 0, 0, 0])", optional=True),
+    "loads": _checked_loads,
+    "acceleration": _instance_check(Acceleration, "Acceleration(linear=[2, 0, 0])", optional=True),
+    "max_normal_force": _check_by_schema,
+    "cone_edges": _check_by_schema,
+    "cone": _check_by_schema,
+    "contact_tolerance": _check_by_schema,
+    "points_per_patch": _check_by_schema,
+    "tangent_axes": lambda name, value: tuple(map(np.array, _check_by_schema(name, value))),
+    "count_own_weight": _instance_check(bool),
     "hybrid_force_limit": partial(checked_key, SCENE, HandEntry, {"robot": "allegro"}),
-    "max_penetration": _as_in_a_file,
+    "max_penetration": _check_by_schema,
     "controller": Controller.of,
-    "uncertainty": _one(Uncertainty, "Uncertainty(mass=0.2)", optional=True),
-    "solve_options": lambda _, value: _as_in_a_file("solve", value).model_dump(),
-    "load_findings": _several(Finding),
+    "uncertainty": _instance_check(Uncertainty, "Uncertainty(mass=0.2)", optional=True),
+    "solve_options": lambda _, value: _check_by_schema("solve", value).model_dump(),
+    "load_findings": _tuple_check(Finding),
 }
 
 
 class StatedFields(NamedTuple):
-    """Which fields of a scene are as its file states them.
+    """The file of a scene, and which fields have changed since it was loaded.
 
     Attributes:
         file: The file, without its data.
-        changed: Names of the fields that are not.
+        changed: Names of the fields that differ from the file.
     """
 
     file: YamlSource
     changed: frozenset[str] = frozenset()
 
     def placed(self, finding: Finding) -> Finding:
-        """Return a finding with its place in the file, unless the scene says something else."""
+        """Return a finding with its place in the file, unless its field has changed."""
         key = str(finding.key[0]) if finding.key else ""
         field = FIELDS_OF_KEYS.get(key, (key,))[0]
         return finding if field in self.changed else self.file.placed(finding)
@@ -179,7 +179,7 @@ FIELDS_OF_KEYS = {
     "hand": ("hand", "hand_material", "count_own_weight", "hybrid_force_limit", "controller"),
     "solve": ("solve_options",),
 }
-"""Fields of a scene by the key of its file, where they differ."""
+"""Fields of a scene by key of its file, where the names differ."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -214,30 +214,30 @@ class SceneFields(Record):
     load_findings: tuple[Finding, ...] = ()
 
     _DERIVED: ClassVar[tuple[str, ...]] = ()
-    """Cached properties that hang on the fields."""
+    """Cached properties that depend on the fields."""
 
     def with_changes(self, **changes: Any) -> Self:
-        """Return the same scene with some fields replaced; what they do not touch is not redone.
+        """Return the scene with some fields replaced; data that do not depend on them stay cached.
 
         Raises:
-            ArgumentError: If a name is none of the fields, or a value not one of its field.
+            ArgumentError: If a name is no field, or a value is invalid for its field.
         """
         scene = self._changed(_checked_changes(changes))
         links = () if scene.hand is None else scene.hand.link_names
         supports = [support.name for support in scene.supports]
         if changes.keys() & {"object", "hand", "supports"}:
-            check_names(scene.object.name, supports, links)
+            check_body_names(scene.object.name, supports, links)
         if "friction" in changes or "given_contacts" in changes:
             bodies = (*supports, *links)
             if "friction" in changes:
                 friction_by_name(scene.friction, bodies)
-            given = scene.given_contacts if "given_contacts" in changes else None
-            for index, one in enumerate(given or ()):
-                check_touched(f"given_contacts[{index}].body", one.body, bodies)
+            contacts = scene.given_contacts if "given_contacts" in changes else None
+            for index, contact in enumerate(contacts or ()):
+                check_contact_body(f"given_contacts[{index}].body", contact.body, bodies)
         return scene
 
     def _changed(self, fields: Mapping[str, Any]) -> Self:
-        """Return the same scene with fields that need no check."""
+        """Return the scene with some fields replaced, without checks."""
         stated = self._stated
         if stated is not None and not stated.changed.issuperset(fields):
             stated = stated._replace(changed=stated.changed.union(fields))
@@ -245,17 +245,17 @@ class SceneFields(Record):
         return changed(self, *self._DERIVED, _kept=self._kept, _stated=stated, **own)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle by the fields, with where the scene's file states them."""
+        """Pickle the fields, and `_stated`."""
         return (*super().__reduce__(), {"_stated": self._stated})
 
     @cached_property
     def _stated(self) -> StatedFields | None:
-        """Where its file states it; None: it came from none."""
+        """The scene's file and the fields that differ from it; None: it came from no file."""
         return None
 
     @cached_property
     def _kept(self) -> Latest:
-        """What this scene and those changed from it, or made of the same parts, found last."""
+        """Cache of latest results, shared with scenes changed from it or of the same parts."""
         return Latest()
 
 
@@ -263,14 +263,14 @@ AnyScene = TypeVar("AnyScene", bound=SceneFields)
 """A class of scenes."""
 
 
-def check_names(of_object: str, supports: Sequence[str], links: Sequence[str]) -> None:
-    """Refuse bodies of one name: contacts are told by them.
+def check_body_names(object_name: str, supports: Sequence[str], links: Sequence[str]) -> None:
+    """Refuse bodies with the same name, as names identify contacts.
 
     Raises:
         ArgumentError: Naming the object or the support.
     """
     taken = set(links)
-    for number, name in enumerate((of_object, *supports)):
+    for number, name in enumerate((object_name, *supports)):
         if name in taken:
             argument = f"supports[{number - 1}].name" if number else "object.name"
             raise ArgumentError(argument, f"{name!r} names another body too; names must differ")
@@ -283,7 +283,7 @@ _GROUPS = ("default", "hand", "supports")
 def friction_by_name(
     stated: float | Mapping[str, float], bodies: Sequence[str]
 ) -> Mapping[str, float]:
-    """Return what a scene file states of friction by the names that `friction_at` looks up.
+    """Return the friction of a scene file as coefficients by the names that `friction_at` reads.
 
     Args:
         stated: One coefficient, or several by body or group.
@@ -302,12 +302,12 @@ def friction_by_name(
     return stated
 
 
-def check_touched(argument: str, body: str, bodies: Sequence[str]) -> None:
-    """Refuse a stated contact with what is no body.
+def check_contact_body(argument: str, body: str, bodies: Sequence[str]) -> None:
+    """Refuse a stated contact with an unknown body.
 
     Args:
-        argument: What messages call it.
-        body: What the contact names.
+        argument: Its name in messages.
+        body: The body that the contact names.
         bodies: Names of the hand's links and of the supports.
 
     Raises:
@@ -330,12 +330,12 @@ def checked_scene(scene: object) -> SceneFields:
 
 
 def label_of(scene: SceneFields) -> str:
-    """Return what messages call a scene."""
+    """Return the name of a scene in messages: its file, or its name without one."""
     return scene.name if scene.path is None else str(scene.path)
 
 
 def place_of(scene: SceneFields, *key: str) -> str:
-    """Return what messages call a part of a scene: file, line and key where it is as stated."""
+    """Return the name of a scene's part in messages: file, line and key if it has not changed."""
     stated = scene._stated
     if stated is None or key[0] in stated.changed:
         return label_of(scene)

@@ -13,7 +13,7 @@ from typing import Any
 from graspless_pin.errors import ArgumentError
 from graspless_pin.findings import capture
 from graspless_pin.intake.yaml_source import Location, YamlSource, plain, validated
-from graspless_pin.scene.body_building import SceneParts, Stage
+from graspless_pin.scene.body_building import SceneParts, StageResult
 from graspless_pin.scene.fields import FIELDS_OF_KEYS, AnyScene, SceneFields
 from graspless_pin.scene.load import build_scene
 from graspless_pin.scene.saving import scene_data
@@ -185,7 +185,7 @@ def scene_with_keys(scene: AnyScene, values: Mapping[str, Any]) -> AnyScene:
     entry = parts.validated(source)
     if "hand" not in changed and scene.hand is not None:
         # Nothing of it has changed: it is not read again.
-        parts.latest.put("hand", (entry.hand,), Stage(scene.hand))
+        parts.latest.put("hand", (entry.hand,), StageResult(scene.hand))
     with capture():
         new = build_scene(SceneFields, source, parts)
     names = [name for key in changed for name in FIELDS_OF_KEYS.get(key, (key,))]

@@ -30,12 +30,12 @@ from graspless_pin.holding.controller import DAMPING, Controller
 from graspless_pin.intake.yaml_source import Location, YamlSource
 from graspless_pin.problem.fingers import DEFAULT_GAIN
 from graspless_pin.scene.body_building import (
-    Last,
+    LastScene,
     SceneParts,
     build_object,
     build_pose,
     build_support,
-    kept,
+    cached_by_entry,
     twist_of,
 )
 from graspless_pin.scene.body_schema import HandEntry, MountEntry
@@ -43,9 +43,9 @@ from graspless_pin.scene.entry_findings import entry_findings
 from graspless_pin.scene.fields import (
     AnyScene,
     StatedFields,
+    check_body_names,
+    check_contact_body,
     check_load_names,
-    check_names,
-    check_touched,
     friction_by_name,
 )
 from graspless_pin.scene.scene_findings import findings_of
@@ -100,7 +100,9 @@ def build_scene(
     with capture() as found:
         parted = entry.object, entry.hand, entry.materials, entry.contacts, entry.motion
         others = entry.controller, entry.acceleration, entry.uncertainty, *entry.supports
-        bodies = parts.made("bodies", (*parted, *others), lambda: _bodies(source, parts, entry))
+        bodies = parts.run_stage(
+            "bodies", (*parted, *others), lambda: _bodies(source, parts, entry)
+        )
         _check_weight(source, entry, bodies.fields["object"])
         scene = _with_figures(kind, source, parts, entry, bodies)
     of_hand = () if scene.hand is None else scene.hand.findings
@@ -141,7 +143,7 @@ def _bodies(file: YamlSource, parts: SceneParts, entry: SceneEntry) -> Bodies:
     links = () if hand is None else hand.link_names
     names = tuple([support.name for support in supports])
     with file.at(()):
-        check_names(entry.object.name, names, links)
+        check_body_names(entry.object.name, names, links)
     moved = build_object(file, parts, ("object",), entry.object)
     materials = _materials(file, parts, entry)
     bodies, own_controller = (*names, *links), "controller" in entry.model_fields_set
@@ -177,7 +179,7 @@ def _bodies(file: YamlSource, parts: SceneParts, entry: SceneEntry) -> Bodies:
     return Bodies(bodies, fields_by_name)
 
 
-@kept
+@cached_by_entry
 def build_hand(file: YamlSource, parts: SceneParts, where: Location, entry: HandEntry) -> Hand:
     """Return the hand of a scene file, or what is the same of the scenes before.
 
@@ -192,7 +194,7 @@ def build_hand(file: YamlSource, parts: SceneParts, where: Location, entry: Hand
     """
     common = [value for name, value in entry if name not in _NOT_OF_ROBOTS]
     sources = [one if isinstance(one, BaseModel) else repr(one) for one in (*common, *entry.mounts)]
-    mounts = parts.made("mounts", (*sources,), lambda: _mounts(file, parts, entry))
+    mounts = parts.run_stage("mounts", (*sources,), lambda: _mounts(file, parts, entry))
     tree = mounts.joined.tree
     with file.at(where):
         named = named_positions(tree.group_states, entry.group_states, tree.lacking)
@@ -335,7 +337,7 @@ def _with_figures(
         vars(scene)["_kept"] = parts.latest
     else:
         scene = last.scene._changed(new)
-    parts.last = Last(entry, bodies, scene)
+    parts.last = LastScene(entry, bodies, scene)
     return scene
 
 
@@ -405,7 +407,7 @@ def _contacts(
     made: list[GivenContact] = []
     for index, item in enumerate(entries):
         with file.at(("contacts", index)):
-            check_touched("body", item.body, bodies)
+            check_contact_body("body", item.body, bodies)
         normal = np.array(item.normal) / np.linalg.norm(item.normal)
         made.append(GivenContact(item.body, np.array(item.position), normal))
     return tuple(made)

@@ -53,7 +53,7 @@ from graspless_pin.scene.geometric_stiffness import (
     geometric_stiffness,
     moving_bodies,
     refuse_flat_on_flat,
-    surfaces_of,
+    rolling_by_model,
 )
 from graspless_pin.scene.problem_data import fingers_of_motors, problem_of, rest_problem
 
@@ -390,7 +390,7 @@ def _linearized(
     gains, damping = _gains(scene, problem)
     bodies, carriers = moving_bodies(scene, problem, velocities), 6 + _carriers(scene, problem)
     motions = {}
-    for name, rolling in surfaces_of(scene, problem).items():
+    for name, rolling in rolling_by_model(scene, problem).items():
         refuse_flat_on_flat(scene, problem, rolling, velocities, bodies, bears)
         force_stiffness, constant = geometric_stiffness(scene, problem, rolling, velocities, bodies)
         motions[name] = LinearizedMotion(

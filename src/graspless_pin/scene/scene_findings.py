@@ -31,7 +31,7 @@ from graspless_pin.scene.entry_findings import (
     LARGEST_OBJECT,
     MOST_ANGLE,
     box_around,
-    meant_lengths,
+    likely_lengths,
     tolerance_findings,
     unit_findings,
 )
@@ -224,7 +224,7 @@ def _figures(scene: SceneFields) -> Iterator[Finding]:
             f"the centre of mass {np.round(center, 6).tolist()} m of object '{target.name}' lies "
             "outside the box around its shape",
             "give center_of_mass in the object's own frame, in metres"
-            + meant_lengths(center, np.maximum(-lowest, highest)),
+            + likely_lengths(center, np.maximum(-lowest, highest)),
             ("object", "center_of_mass"),
         )
     yield from _loads(scene, max(gravity, _LEAST_GRAVITY) * target.mass, (lowest, highest))
@@ -430,5 +430,5 @@ def _with_nearest(scene: SceneFields, found: Finding) -> Finding:
     stands = f"{what} stands at {np.round(at, 6).tolist()} m"
     longest = np.full(3, LARGEST_OBJECT)
     return replace(
-        nearest, advice=f"give lengths in metres; {stands}{meant_lengths(at, longest)}", key=key
+        nearest, advice=f"give lengths in metres; {stands}{likely_lengths(at, longest)}", key=key
     )

@@ -33,7 +33,7 @@ from graspless_pin.problem.matrices import wrench_map
 from graspless_pin.problem.members import Member, feedback_torques, joined
 from graspless_pin.programs.analysis_objectives import AtTorques
 from graspless_pin.programs.objectives import Objective
-from graspless_pin.scene.entry_findings import box_around, meant_lengths
+from graspless_pin.scene.entry_findings import box_around, likely_lengths
 from graspless_pin.scene.fields import SceneFields, label_of
 from graspless_pin.scene.load_wrenches import acting_forces, object_motion
 from graspless_pin.scene.problem_data import (
@@ -315,7 +315,7 @@ def check_offsets(scene: SceneFields, uncertainty: Uncertainty) -> None:
             "uncertainty",
             f"center_of_mass may be off by {off[axis]:g} m along {'xyz'[axis]}, and object "
             f"{scene.object.name!r} is {size[axis]:.4g} m large there; give metres"
-            f"{meant_lengths(off, size)}",
+            f"{likely_lengths(off, size)}",
         )
 
 
