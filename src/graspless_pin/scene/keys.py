@@ -1,6 +1,6 @@
-"""Keys of a scene file by dotted path, such as ``object.mass``: where they stand, and their values.
+"""Keys of a scene file by dotted path, such as ``object.mass``: their locations and values.
 
-How a scene changes where some keys of its file say something else.
+`scene_with_keys` changes a scene by such keys.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _BY_NAME = (
     "rates", "torque", "torque_offset", "effort", "armature", "stiffness", "damping",
     "contact_position", "convex",
 )  # fmt: skip
-"""Mappings whose keys are names, which may hold dots."""
+"""Mappings by name: their keys may contain dots."""
 _ZERO = (
     "position", "rpy", "linear", "angular", "angular_velocity", "force", "moment", "field", "at",
 )  # fmt: skip
@@ -36,17 +36,17 @@ _RADIANS = "in rad, or in a study with unit: deg"
 
 
 def place_key(tree: Tree, defaults: Tree, key: str) -> Location:
-    """Find where a dotted key stands, and put what is left out above it into the tree.
+    """Return the location of a dotted key, and add omitted parents of it to the tree.
 
-    Items of lists go by index, or by their ``name`` or ``prefix``.
+    List items are named by index, or by their ``name`` or ``prefix``.
 
     Args:
-        tree: The scene; changed.
-        defaults: The scene with every default written out.
+        tree: The scene, which is changed.
+        defaults: The scene with all defaults filled in.
         key: E.g. ``object.mass`` or ``supports.slope.pose.rpy.1``.
 
     Raises:
-        ArgumentError: If the path does not lead through the scene.
+        ArgumentError: If there is no such key in a scene.
     """
     parts = key.split(".")
     for name in IN_DEGREES.keys() & parts:
@@ -54,18 +54,18 @@ def place_key(tree: Tree, defaults: Tree, key: str) -> Location:
     location: Location = ()
     node: Any = tree
     while parts:
-        name, count = _next(node, location, parts, key)
+        name, count = _next_step(node, location, parts, key)
         location = (*location, name)
         parts = parts[count:]
         if parts:
-            node = _entered(node, defaults, location, key)
+            node = _enter_part(node, defaults, location, key)
     return location
 
 
-def _next(node: Any, location: Location, parts: list[str], key: str) -> tuple[str | int, int]:
-    """Return the next step of a path, and how many of its parts it takes."""
+def _next_step(node: Any, location: Location, parts: list[str], key: str) -> tuple[str | int, int]:
+    """Return the next step of a path (key or index), and how many of its parts it consumes."""
     if isinstance(node, list):
-        return _item(node, parts[0], key), 1
+        return _item_index(node, parts[0], key), 1
     for count in range(len(parts), 0, -1):
         name = ".".join(parts[:count])
         if name in node:
@@ -75,7 +75,7 @@ def _next(node: Any, location: Location, parts: list[str], key: str) -> tuple[st
     return parts[0], 1
 
 
-def _item(items: list[Any], name: str, key: str) -> int:
+def _item_index(items: list[Any], name: str, key: str) -> int:
     if re.fullmatch("-?[0-9]+", name):
         if 0 <= int(name) < len(items):
             return int(name)
@@ -92,30 +92,30 @@ def _item(items: list[Any], name: str, key: str) -> int:
     raise ArgumentError(key, f"has no item called {name!r}; {words}")
 
 
-def _entered(node: Any, defaults: Tree, location: Location, key: str) -> Any:
-    """Return the part of the tree at a location; put there from the defaults if it is left out."""
+def _enter_part(node: Any, defaults: Tree, location: Location, key: str) -> Any:
+    """Return the part of the tree at a location, added from the defaults if it is omitted."""
     name: Any = location[-1]
-    inner = _inside(node, name)
-    if inner is None or (name == "friction" and not isinstance(inner, dict)):
-        inner = _default(defaults, location) if inner is None else {"default": inner}
-        node[name] = inner
-    if not isinstance(inner, dict | list):
-        above = ".".join(map(str, location))
-        raise ArgumentError(key, f"{above} is {inner!r} and has no keys below it")
-    return inner
+    part = _part_or_none(node, name)
+    if part is None or (name == "friction" and not isinstance(part, dict)):
+        part = _default_part(defaults, location) if part is None else {"default": part}
+        node[name] = part
+    if not isinstance(part, dict | list):
+        parent_key = ".".join(map(str, location))
+        raise ArgumentError(key, f"{parent_key} is {part!r} and has no keys below it")
+    return part
 
 
-def _default(defaults: Any, location: Location) -> Any:
+def _default_part(defaults: Any, location: Location) -> Any:
     node = defaults
     for part in location:
-        node = _inside(node, part)
+        node = _part_or_none(node, part)
     if isinstance(node, list | tuple):
         return list(node)
     return [0.0, 0.0, 0.0] if location[-1] in _ZERO else {}
 
 
-def _inside(node: Any, part: Any) -> Any:
-    """Return what stands at a key or index, None if nothing does."""
+def _part_or_none(node: Any, part: Any) -> Any:
+    """Return the part at a key or index, None if there is none."""
     try:
         return node[part]
     except (KeyError, IndexError, TypeError):
@@ -123,71 +123,71 @@ def _inside(node: Any, part: Any) -> Any:
 
 
 def copied(data: Any) -> Any:
-    """Return a copy in which nothing is shared, not even what YAML anchors repeat."""
+    """Return a deep copy in which parts repeated by YAML anchors are separate, too."""
     if isinstance(data, dict):
         return {key: copied(item) for key, item in data.items()}
     return [copied(item) for item in data] if isinstance(data, list) else data
 
 
 def put(tree: Any, location: Location, value: Any) -> Any:
-    """Return a tree with a value at a location; the rest is shared."""
+    """Return a copy of a tree with a value at a location; other parts are shared."""
     first, *rest = location
     changed = tree.copy()
     changed[first] = put(tree[first], tuple(rest), value) if rest else value
     return changed
 
 
-def _without_others(tree: Any, location: Location, kept: set[Location]) -> Any:
-    """Return a tree without what may not stand beside a key, but for what is to be kept."""
-    *above, name = location
+def _without_alternatives(tree: Any, location: Location, stated: set[Location]) -> Any:
+    """Return a tree without the alternatives of a key, unless these are stated, too."""
+    *parent, name = location
     node: Any = tree
-    for part in above:
-        node = node[part]
-    for other in (one for names in _EITHER if name in names for one in names if one != name):
-        if other in node and (*above, other) not in kept:
-            tree = put(tree, (*above, other), None)
+    for step in parent:
+        node = node[step]
+    for alternative in (one for names in _EITHER if name in names for one in names if one != name):
+        if alternative in node and (*parent, alternative) not in stated:
+            tree = put(tree, (*parent, alternative), None)
     return tree
 
 
 _EITHER = ("mass", "density"), ("rpy", "quaternion", "matrix")
-"""Keys of which one may stand: the one that is given says what the others said before."""
+"""Keys of which only one may be given: a new one replaces the others."""
 _NO_FIELD = ("description", "warnings")
 
 
 def scene_with_keys(scene: AnyScene, values: Mapping[str, Any]) -> AnyScene:
-    """Return a scene whose file would say something else.
+    """Return a scene with other values of keys of its file.
 
     Args:
         scene: The scene.
-        values: By dotted key, as the file has them: numbers in SI units, bodies as mappings.
+        values: By dotted key, as in the file: numbers in SI units, bodies as mappings.
 
     Raises:
-        ArgumentError: If a key leads nowhere.
-        SceneError: If the file could not say so.
+        ArgumentError: If there is no such key.
+        SceneError: If the scene file would be invalid.
     """
     tree = in_radians(scene_data(scene))
     path = scene.path or Path(scene.name)
     defaults = validated(YamlSource(path, tree, SCENE), SceneEntry).model_dump()
-    changed, stated = set(), set[Location]()
+    changed_keys, stated = set(), set[Location]()
     for key, value in values.items():
         location = place_key(tree, defaults, key)
-        first = str(location[0])
-        if first not in SceneEntry.model_fields or first in _NO_FIELD:
+        top_key = str(location[0])
+        if top_key not in SceneEntry.model_fields or top_key in _NO_FIELD:
             known = [name for name in SceneEntry.model_fields if name not in _NO_FIELD]
-            raise ArgumentError(key, f"is no key of a scene; {names_in_words(first, known)}")
+            raise ArgumentError(key, f"is no key of a scene; {names_in_words(top_key, known)}")
         tree = put(tree, location, plain(value))
-        changed.add(first)
+        changed_keys.add(top_key)
         if value is not None:
             stated.add(location)
     for location in stated:
-        tree = _without_others(tree, location, stated)
+        tree = _without_alternatives(tree, location, stated)
     source, parts = YamlSource(path, tree, SCENE), SceneParts()
     entry = parts.validated(source)
-    if "hand" not in changed and scene.hand is not None:
-        # Nothing of it has changed: it is not read again.
+    if "hand" not in changed_keys and scene.hand is not None:
+        # An unchanged hand is not read again.
         parts.latest.put("hand", (entry.hand,), StageResult(scene.hand))
     with capture():
-        new = build_scene(SceneFields, source, parts)
-    names = [name for key in changed for name in FIELDS_OF_KEYS.get(key, (key,))]
-    found = {name: getattr(new, name) for name in names}
-    return scene._changed(found | {"load_findings": new.load_findings})
+        built = build_scene(SceneFields, source, parts)
+    names = [name for key in changed_keys for name in FIELDS_OF_KEYS.get(key, (key,))]
+    new_fields = {name: getattr(built, name) for name in names}
+    return scene._changed(new_fields | {"load_findings": built.load_findings})

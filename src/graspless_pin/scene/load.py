@@ -1,6 +1,6 @@
-"""From a YAML scene to a `Scene`, with errors that name file, line, key and what was found.
+"""Build a `Scene` from a YAML scene file; errors name file, line, key and the value found.
 
-`build_scene` builds hand, supports and object, then what is said of them, then the figures.
+`build_scene` builds hand, supports and object, then data that refer to them, then the figures.
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ _NOT_OF_ROBOTS = {
     "hybrid_force_limit",
     "mounts",
 }
-"""Keys of a hand on which its assembled robots do not depend; mounts are looked at one by one."""
+"""Keys of a hand on which its assembled robots do not depend; each mount is a source itself."""
 
 
 def build_scene(
@@ -83,9 +83,9 @@ def build_scene(
     """Build the scene of a parsed file.
 
     Args:
-        kind: The class of scenes.
+        kind: The class of scene to build.
         source: The file, perhaps with changed content.
-        parts: What earlier scenes of the same folder left; None: nothing is shared.
+        parts: Cache from earlier scenes of the same folder; None: no cache.
 
     Raises:
         SceneError: See `load_scene`.
@@ -98,21 +98,21 @@ def build_scene(
     parts = parts or SceneParts()
     entry = parts.validated(source)
     with capture() as found:
-        parted = entry.object, entry.hand, entry.materials, entry.contacts, entry.motion
-        others = entry.controller, entry.acceleration, entry.uncertainty, *entry.supports
+        main_sources = entry.object, entry.hand, entry.materials, entry.contacts, entry.motion
+        further_sources = entry.controller, entry.acceleration, entry.uncertainty, *entry.supports
         bodies = parts.run_stage(
-            "bodies", (*parted, *others), lambda: _bodies(source, parts, entry)
+            "bodies", (*main_sources, *further_sources), lambda: _build_bodies(source, parts, entry)
         )
         _check_weight(source, entry, bodies.fields["object"])
-        scene = _with_figures(kind, source, parts, entry, bodies)
-    of_hand = () if scene.hand is None else scene.hand.findings
-    placed = [one if one in of_hand else source.placed(one) for one in found]
+        scene = _scene_with_figures(kind, source, parts, entry, bodies)
+    hand_findings = () if scene.hand is None else scene.hand.findings
+    placed = [one if one in hand_findings else source.placed(one) for one in found]
     emit(*placed)
-    vars(scene)["load_findings"] = tuple(one for one in placed if one not in of_hand)
+    vars(scene)["load_findings"] = tuple(one for one in placed if one not in hand_findings)
     vars(scene)["_stated"] = StatedFields(replace(source, data=None))
     if entry.warnings == "error":
-        wrong = [one for one in findings_of(scene) if one.severity is not Severity.NOTE]
-        placed = [source.placed(one) for one in wrong]
+        refused = [one for one in findings_of(scene) if one.severity is not Severity.NOTE]
+        placed = [source.placed(one) for one in refused]
         lines = [one if one.place else replace(one, place=source.where(())) for one in placed]
         if lines:
             reason = "(an error, as the scene says 'warnings: error')"
@@ -121,19 +121,19 @@ def build_scene(
 
 
 class Bodies(NamedTuple):
-    """What is built of the bodies of a scene file.
+    """The bodies of a scene.
 
     Attributes:
-        names: Of supports and links.
-        fields: Those of a scene that are made of them, by name.
+        names: Names of supports and links.
+        fields: Fields of a scene that depend on its bodies, by name.
     """
 
     names: tuple[str, ...]
     fields: Mapping[str, Any]
 
 
-def _bodies(file: YamlSource, parts: SceneParts, entry: SceneEntry) -> Bodies:
-    """Build hand, supports and object, and then what is said of them; tell what looks wrong."""
+def _build_bodies(file: YamlSource, parts: SceneParts, entry: SceneEntry) -> Bodies:
+    """Build hand, supports and object, then the data that refer to them; emit findings."""
     hand = None if entry.hand is None else build_hand(file, parts, ("hand",), entry.hand)
     supports = tuple(
         build_support(file, parts, ("supports", index), item)
@@ -144,32 +144,32 @@ def _bodies(file: YamlSource, parts: SceneParts, entry: SceneEntry) -> Bodies:
     names = tuple([support.name for support in supports])
     with file.at(()):
         check_body_names(entry.object.name, names, links)
-    moved = build_object(file, parts, ("object",), entry.object)
-    materials = _materials(file, parts, entry)
-    bodies, own_controller = (*names, *links), "controller" in entry.model_fields_set
+    target = build_object(file, parts, ("object",), entry.object)
+    materials = _build_materials(file, parts, entry)
+    bodies, has_controller = (*names, *links), "controller" in entry.model_fields_set
 
     def stated(key: str, make: Callable[[Any], Any], *others: Any) -> Any:
-        """Return what is made of a key, the same while it, the hand's tree and others are."""
+        """Return the object made from a key, cached by its value, the hand's tree and others."""
         value, sources = getattr(entry, key), (None if hand is None else hand.tree, *others)
         if value is None:
             return None
         return parts.latest.made(f"stated {key}", (value, *sources), lambda: make(value))
 
     fields_by_name = {
-        "object": moved,
+        "object": target,
         "hand": hand,
         "supports": supports,
         "materials": materials,
         "hand_material": None if entry.hand is None else entry.hand.material,
-        "given_contacts": stated("contacts", partial(_contacts, file, bodies), *bodies),
-        "motion": stated("motion", partial(_motion, file, hand)),
-        "acceleration": stated("acceleration", partial(_acceleration, file, hand)),
-        "controller": stated("controller", partial(_controller, file, hand, own_controller)),
+        "given_contacts": stated("contacts", partial(_build_contacts, file, bodies), *bodies),
+        "motion": stated("motion", partial(_build_motion, file, hand)),
+        "acceleration": stated("acceleration", partial(_build_acceleration, file, hand)),
+        "controller": stated("controller", partial(_build_controller, file, hand, has_controller)),
         "uncertainty": stated(
             "uncertainty",
-            partial(_uncertainty, file, hand, names, materials, moved.name),
+            partial(_build_uncertainty, file, hand, names, materials, target.name),
             materials,
-            moved.name,
+            target.name,
             *names,
         ),
         "count_own_weight": entry.hand is None or entry.hand.count_own_weight,
@@ -181,20 +181,20 @@ def _bodies(file: YamlSource, parts: SceneParts, entry: SceneEntry) -> Bodies:
 
 @cached_by_entry
 def build_hand(file: YamlSource, parts: SceneParts, where: Location, entry: HandEntry) -> Hand:
-    """Return the hand of a scene file, or what is the same of the scenes before.
+    """Build the hand of a scene file.
 
-    Robots are read and assembled once for each description, wherever they are mounted. Poses,
-    effort limits and positions come after that.
+    Robots are read and assembled once for each description. Base poses, effort limits and joint
+    positions are applied afterwards.
 
     Args:
         file: The file.
-        parts: What earlier scenes of the same folder left.
+        parts: Cache from earlier scenes of the same folder.
         where: The key of the hand.
         entry: The hand's entry.
     """
     common = [value for name, value in entry if name not in _NOT_OF_ROBOTS]
     sources = [one if isinstance(one, BaseModel) else repr(one) for one in (*common, *entry.mounts)]
-    mounts = parts.run_stage("mounts", (*sources,), lambda: _mounts(file, parts, entry))
+    mounts = parts.run_stage("mounts", (*sources,), lambda: _build_mounts(file, parts, entry))
     tree = mounts.joined.tree
     with file.at(where):
         named = named_positions(tree.group_states, entry.group_states, tree.lacking)
@@ -209,8 +209,8 @@ def build_hand(file: YamlSource, parts: SceneParts, where: Location, entry: Hand
         return hand_of(mounts, entry.effort_limits, positions)
 
 
-def _mounts(file: YamlSource, parts: SceneParts, entry: HandEntry) -> AssembledMounts:
-    """Return the robots where they are mounted."""
+def _build_mounts(file: YamlSource, parts: SceneParts, entry: HandEntry) -> AssembledMounts:
+    """Return the assembled robots at their base poses."""
     mounted: list[tuple[Location, str, MountEntry]] = [(("hand",), "", entry)]
     if entry.mounts:
         each = enumerate(entry.mounts)
@@ -219,7 +219,7 @@ def _mounts(file: YamlSource, parts: SceneParts, entry: HandEntry) -> AssembledM
     key += "".join([item.model_dump_json(exclude=_POSE_KEYS) for item in entry.mounts])
     assembled = parts.hands.get(key)
     if assembled is None:
-        mounts = [_mount(file, *place) for place in mounted]
+        mounts = [_build_mount(file, *place) for place in mounted]
         name = "mounts" if entry.mounts else "robot" if entry.urdf is None else "urdf"
         with file.at(("hand",), (name,)):
             assembled = assembled_mounts(mounts, entry.control, entry.armature)
@@ -231,8 +231,8 @@ def _mounts(file: YamlSource, parts: SceneParts, entry: HandEntry) -> AssembledM
     )
 
 
-def _mount(file: YamlSource, where: Location, prefix: str, entry: MountEntry) -> Mount:
-    """Return the robot that an entry names, as it is mounted."""
+def _build_mount(file: YamlSource, where: Location, prefix: str, entry: MountEntry) -> Mount:
+    """Return the mount of an entry: its robot with the entry's options."""
     fingers = (
         None
         if entry.fingers is None
@@ -241,49 +241,49 @@ def _mount(file: YamlSource, where: Location, prefix: str, entry: MountEntry) ->
     folders, name = [file.file(folder) for folder in entry.package_dirs], str(entry.robot)
     with file.at(where, ("robot",)):
         if entry.urdf is not None:
-            found = describe_urdf(file.file(entry.urdf), folders)
+            robot = describe_urdf(file.file(entry.urdf), folders)
         else:
             is_file = name.endswith((".yaml", ".yml"))
-            found = find_robot(str(file.file(name)) if is_file else name, folders)
+            robot = find_robot(str(file.file(name)) if is_file else name, folders)
     if entry.visuals_collide is not None:
-        found = replace(found, visuals_collide=entry.visuals_collide)
-    given = {item.name: getattr(entry, item.name) for item in fields(LinkMeshes)}
-    own = {name: value for name, value in given.items() if value is not None}
-    meshes = replace(found.meshes, **own) if own else None
+        robot = replace(robot, visuals_collide=entry.visuals_collide)
+    values = {item.name: getattr(entry, item.name) for item in fields(LinkMeshes)}
+    stated = {name: value for name, value in values.items() if value is not None}
+    meshes = replace(robot.meshes, **stated) if stated else None
     srdf = None if entry.srdf is None else file.file(entry.srdf)
-    return Mount(found, None, prefix, fingers, meshes=meshes, root_link=entry.root_link, srdf=srdf)
+    return Mount(robot, None, prefix, fingers, meshes=meshes, root_link=entry.root_link, srdf=srdf)
 
 
-def _gains_of_robots(hand: Hand) -> Controller:
-    """Return what the robot files of a hand say of the feedback at its joints.
+def _controller_of_robots(hand: Hand) -> Controller:
+    """Return the controller that the robot files of a hand state.
 
-    Gains of one robot's ``default``, or of all its joints, are those of each of its fingers; with
-    one robot without a prefix, of all joints. Where no file states any, it is not decided.
+    A gain under a robot's ``default``, or for all its joints, applies to each of its fingers; for a
+    robot without a prefix to all joints. Without any gains the controller is the default one.
 
     Raises:
-        RobotError: If a file states gains of what is no joint or finger.
+        RobotError: If a file states gains for an unknown joint or finger.
     """
     robots = [(mount.prefix, mount.robot()) for mount in hand.mounts]
     if all(robot.stiffness is None for _, robot in robots):
         return Controller()
-    known = [*hand.actuation.names, *hand.fingers]
+    names = [*hand.actuation.names, *hand.fingers]
     for prefix, robot in robots:
-        robot.check_gains([one.removeprefix(prefix) for one in known if one.startswith(prefix)])
+        robot.check_gains([one.removeprefix(prefix) for one in names if one.startswith(prefix)])
     gains: dict[str, dict[str, float]] = {"stiffness": {}, "damping": {}}
-    for kind, found in gains.items():
+    for kind, collected in gains.items():
         for prefix, robot in robots:
             stated = getattr(robot, kind)
             own = dict(stated) if isinstance(stated, Mapping) else {DEFAULT_GAIN: stated}
-            rest = own.pop(DEFAULT_GAIN, None)
-            if rest is not None and not prefix:
-                found[DEFAULT_GAIN] = rest
-            elif rest is not None:
-                found |= {name: rest for name in hand.fingers if name.startswith(prefix)}
-            found |= {prefix + name: gain for name, gain in own.items()}
+            default = own.pop(DEFAULT_GAIN, None)
+            if default is not None and not prefix:
+                collected[DEFAULT_GAIN] = default
+            elif default is not None:
+                collected |= {name: default for name in hand.fingers if name.startswith(prefix)}
+            collected |= {prefix + name: gain for name, gain in own.items()}
     return Controller(gains["stiffness"], gains["damping"] or DAMPING)
 
 
-def _controller(
+def _build_controller(
     file: YamlSource, hand: Hand | None, is_stated: bool, stated: ControllerEntry | str | float
 ) -> Controller:
     if is_stated and not isinstance(stated, ControllerEntry):
@@ -292,56 +292,56 @@ def _controller(
         controller = Controller()
         if hand is not None:
             with file.at(("hand",), ("robot",)):
-                controller = _gains_of_robots(hand)
+                controller = _controller_of_robots(hand)
         if isinstance(stated, ControllerEntry):
-            own = {name: getattr(stated, name) for name in stated.model_fields_set}
-            controller = replace(controller, **own)
+            stated_gains = {name: getattr(stated, name) for name in stated.model_fields_set}
+            controller = replace(controller, **stated_gains)
     joints, fingers = ((), ()) if hand is None else (hand.actuation.names, (*hand.fingers,))
     with file.at(("controller",)):
         controller.check(joints, fingers)
     return controller
 
 
-def _uncertainty(
+def _build_uncertainty(
     file: YamlSource,
     hand: Hand | None,
     supports: Sequence[str],
     materials: Materials,
-    of_object: str,
+    object_name: str,
     stated: UncertaintyEntry,
 ) -> Uncertainty:
     with file.at(("uncertainty",)):
         uncertainty = Uncertainty(**dict(stated))
-        check_uncertain_names(uncertainty, hand, supports, materials.names, of_object)
+        check_uncertain_names(uncertainty, hand, supports, materials.names, object_name)
     return uncertainty
 
 
-def _with_figures(
+def _scene_with_figures(
     kind: type[AnyScene], file: YamlSource, parts: SceneParts, entry: SceneEntry, bodies: Bodies
 ) -> AnyScene:
-    """Return the scene: its bodies, and the figures of the file, those that changed made anew."""
-    last, known = parts.last, {}
+    """Return the scene of given bodies with the figures of the file; only changes are made anew."""
+    last, same_entries = parts.last, {}
     if last is not None and last.scene.path != file.path:
         last = None
     if last is not None and (last.bodies is bodies or last.bodies.names == bodies.names):
-        known = vars(last.entry)
-    new = {
+        same_entries = vars(last.entry)
+    changes = {
         field: make(file, getattr(entry, key), bodies.names)
         for key, (field, make) in _PLAIN.items()
-        if not (key in known and known[key] is getattr(entry, key))
+        if not (key in same_entries and same_entries[key] is getattr(entry, key))
     }
     if last is None or last.bodies is not bodies:
-        new |= bodies.fields
+        changes |= bodies.fields
     if last is None:
-        scene = kind(path=file.path, **new)
+        scene = kind(path=file.path, **changes)
         vars(scene)["_kept"] = parts.latest
     else:
-        scene = last.scene._changed(new)
+        scene = last.scene._changed(changes)
     parts.last = LastScene(entry, bodies, scene)
     return scene
 
 
-def _friction(file: YamlSource, value: Any, names: tuple[str, ...]) -> Mapping[str, float]:
+def _build_friction(file: YamlSource, value: Any, names: tuple[str, ...]) -> Mapping[str, float]:
     with file.at(()):
         return friction_by_name(value, names)
 
@@ -349,8 +349,8 @@ def _friction(file: YamlSource, value: Any, names: tuple[str, ...]) -> Mapping[s
 _PLAIN: Mapping[str, tuple[str, Callable[[YamlSource, Any, tuple[str, ...]], Any]]] = {
     "name": ("name", lambda file, value, _: value or file.path.stem[:LONGEST_NAME]),
     "gravity": ("gravity", lambda _file, value, _: np.array(value)),
-    "friction": ("friction", _friction),
-    "loads": ("loads", lambda file, value, _: _loads(file, value)),
+    "friction": ("friction", _build_friction),
+    "loads": ("loads", lambda file, value, _: _build_loads(file, value)),
     "tangent_axes": ("tangent_axes", lambda _file, value, _: tuple(map(np.array, value))),
     "solve": ("solve_options", lambda _file, value, _: value.model_dump()),
     **{name: (name, lambda _file, value, _: value) for name in PLAIN_FIGURES},
@@ -366,7 +366,7 @@ other field depends."""
 
 
 def _check_weight(file: YamlSource, entry: SceneEntry, target: ManipulatedObject) -> None:
-    """Refuse a weight that double precision cannot hold, alone or beside the largest force."""
+    """Refuse a weight too small for double precision, or too large against max_normal_force."""
     weight = target.mass * math.hypot(*entry.gravity)
     if 0.0 < weight < SMALLEST_LOAD:
         raise file.error(
@@ -374,16 +374,16 @@ def _check_weight(file: YamlSource, entry: SceneEntry, target: ManipulatedObject
             f"is {list(entry.gravity)}, and the object weighs {weight:g} N; it must weigh nothing "
             f"or at least {SMALLEST_LOAD:g} N",
         )
-    most = LARGEST_LOAD_OVER_LIMIT * entry.max_normal_force
-    if weight > most:
+    heaviest = LARGEST_LOAD_OVER_LIMIT * entry.max_normal_force
+    if weight > heaviest:
         raise file.error(
             ("max_normal_force",),
             f"is {entry.max_normal_force:g} N, and the object weighs {weight:g} N; it may "
-            f"weigh at most {LARGEST_LOAD_OVER_LIMIT:g} times as much, {most:g} N",
+            f"weigh at most {LARGEST_LOAD_OVER_LIMIT:g} times as much, {heaviest:g} N",
         )
 
 
-def _materials(file: YamlSource, parts: SceneParts, entry: SceneEntry) -> Materials:
+def _build_materials(file: YamlSource, parts: SceneParts, entry: SceneEntry) -> Materials:
     with file.at(()):
         table = parts.latest.made(
             "table of materials",
@@ -401,36 +401,38 @@ def _materials(file: YamlSource, parts: SceneParts, entry: SceneEntry) -> Materi
     return table
 
 
-def _contacts(
+def _build_contacts(
     file: YamlSource, bodies: Sequence[str], entries: Sequence[ContactEntry]
 ) -> tuple[GivenContact, ...]:
-    made: list[GivenContact] = []
+    contacts: list[GivenContact] = []
     for index, item in enumerate(entries):
         with file.at(("contacts", index)):
             check_contact_body("body", item.body, bodies)
         normal = np.array(item.normal) / np.linalg.norm(item.normal)
-        made.append(GivenContact(item.body, np.array(item.position), normal))
-    return tuple(made)
+        contacts.append(GivenContact(item.body, np.array(item.position), normal))
+    return tuple(contacts)
 
 
-def _motion(file: YamlSource, hand: Hand | None, entry: MotionEntry) -> Motion:
-    own = None
+def _build_motion(file: YamlSource, hand: Hand | None, entry: MotionEntry) -> Motion:
+    moved = None
     if entry.hand is not None:
         if hand is None:
             raise file.error(("motion", "hand"), "the scene has no hand that could move")
-        own = HandMotion(twist_of(entry.hand.base_twist), dict(entry.hand.joint_velocities))
+        moved = HandMotion(twist_of(entry.hand.base_twist), dict(entry.hand.joint_velocities))
         with file.at(("motion", "hand")):
-            hand.point_velocities((), np.zeros((0, 3)), own.joint_velocities, own.base_twist)
-    return Motion(twist_of(entry.object_twist), own)
+            hand.point_velocities((), np.zeros((0, 3)), moved.joint_velocities, moved.base_twist)
+    return Motion(twist_of(entry.object_twist), moved)
 
 
-def _loads(file: YamlSource, entries: Sequence[LoadEntry]) -> tuple[Load, ...]:
+def _build_loads(file: YamlSource, entries: Sequence[LoadEntry]) -> tuple[Load, ...]:
     with file.at(()):
         check_load_names([entry.name for entry in entries])
     return tuple(Load(**dict(entry)) for entry in entries)
 
 
-def _acceleration(file: YamlSource, hand: Hand | None, entry: AccelerationEntry) -> Acceleration:
+def _build_acceleration(
+    file: YamlSource, hand: Hand | None, entry: AccelerationEntry
+) -> Acceleration:
     with file.at(("acceleration",)):
         for argument in ("joint_velocities", "joint_accelerations"):
             named = getattr(entry, argument)

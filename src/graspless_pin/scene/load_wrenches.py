@@ -1,7 +1,7 @@
-"""What loads and accelerations do to a scene's object and joints.
+"""Wrenches on a scene's object and joint torques from loads and accelerations.
 
-Inertial forces follow d'Alembert's principle: what accelerates is at rest under its weight and the
-forces -m a, in the frame that moves along. Arrays may have axes in front, for many states at once.
+Inertial forces follow d'Alembert's principle: in the frame that moves along, a body is at
+rest under its weight and -m a. Arrays may have leading axes, for many states at once.
 """
 
 from __future__ import annotations
@@ -26,20 +26,20 @@ from graspless_pin.scene.fields import SceneFields, place_of
 from graspless_pin.scene.stated import Accelerated, Acceleration, LoadAxes
 
 _SAME_MOTION = 1e-9
-"""Of the largest velocity or acceleration, and of one SI unit: links that differ by less move as
-one."""
+"""Tolerance relative to the largest velocity or acceleration, at least one SI unit: links that
+differ by less move as one."""
 
 
 class ActingForce(NamedTuple):
-    """A force and moment on the object beside its own weight.
+    """A force and moment on the object in addition to its own weight.
 
     Attributes:
-        name: What it is of.
+        name: Name of its cause.
         force: (..., 3) N, world axes.
         moment: (..., 3) N m, world axes.
-        lever: (..., 3) from the object's centre of mass to where it acts, world axes, m.
+        lever: (..., 3) from the object's centre of mass to its point of attack, world axes, m.
         turns: Whether force and moment turn with the object.
-        of_gravity: Whether it is a payload's weight.
+        of_gravity: Whether it is the weight of a payload.
     """
 
     name: str
@@ -51,7 +51,7 @@ class ActingForce(NamedTuple):
 
     @property
     def wrench(self) -> FloatArray:
-        """(..., 6) about the object's centre of mass."""
+        """(..., 6) wrench about the object's centre of mass, N and N m."""
         moment = self.moment + np.cross(self.lever, self.force)
         return np.concatenate([np.broadcast_to(self.force, moment.shape), moment], axis=-1)
 
@@ -61,11 +61,11 @@ def acting_forces(
     motion: RigidMotion | None = None,
     T_world_object: FloatArray | None = None,
 ) -> tuple[ActingForce, ...]:
-    """Return what acts on a scene's object beside its own weight.
+    """Return the forces on a scene's object in addition to its own weight.
 
     Args:
         scene: The scene.
-        motion: How the object moves; None: as the scene's acceleration says.
+        motion: Motion of the object; None: by the scene's acceleration.
         T_world_object: (..., 4, 4) poses of the object; None: that of the scene.
 
     Raises:
@@ -74,35 +74,37 @@ def acting_forces(
     target, acting = scene.object, list[ActingForce]()
     motion = object_motion(scene) if motion is None else motion
     T = target.T_world_object if T_world_object is None else T_world_object
-    R, none = T[..., :3, :3], np.zeros(3)
-    masses = [("", target.mass, none)]
+    R, zero = T[..., :3, :3], np.zeros(3)
+    masses = [("", target.mass, zero)]
     for load in scene.loads:
-        lever = none if load.at is None else R @ (load.at - target.center_of_mass)
+        lever = zero if load.at is None else R @ (load.at - target.center_of_mass)
         if load.force.any() or load.moment.any():
             turns = load.axes == LoadAxes.OBJECT
-            turned = R if turns else np.eye(3)
-            own = turned @ load.force, turned @ load.moment
-            acting.append(ActingForce(load.name, *own, lever, turns))
+            rotation = R if turns else np.eye(3)
+            load_wrench = rotation @ load.force, rotation @ load.moment
+            acting.append(ActingForce(load.name, *load_wrench, lever, turns))
         if load.mass:
             masses.append((f" of {load.name}", load.mass, lever))
             weight = load.mass * scene.gravity
-            acting.append(ActingForce(load.name, weight, none, lever, of_gravity=True))
+            acting.append(ActingForce(load.name, weight, zero, lever, of_gravity=True))
     for load in scene.loads:
         if load.field.any():
             acting += [
-                ActingForce(load.name + of, mass * load.field, none, lever)
-                for of, mass, lever in masses
+                ActingForce(load.name + suffix, mass * load.field, zero, lever)
+                for suffix, mass, lever in masses
             ]
     if motion is not STILL:
         omega, alpha = motion.velocity[..., 3:], motion.acceleration[..., 3:]
-        center, turning = R @ target.center_of_mass + T[..., :3, 3], none
+        center, inertial_moment = R @ target.center_of_mass + T[..., :3, 3], zero
         if omega.any() or alpha.any():
             inertia = R @ target.own_inertia @ np.swapaxes(R, -1, -2)
-            moment, spin = ((inertia @ one[..., None])[..., 0] for one in (alpha, omega))
-            turning = -(moment + np.cross(omega, spin))
-        for of, mass, lever in masses:
+            moment, spin = ((inertia @ vector[..., None])[..., 0] for vector in (alpha, omega))
+            inertial_moment = -(moment + np.cross(omega, spin))
+        for suffix, mass, lever in masses:
             force = -mass * motion.acceleration_of(center + lever)
-            acting.append(ActingForce(f"inertia{of}", force, none if of else turning, lever))
+            acting.append(
+                ActingForce(f"inertia{suffix}", force, zero if suffix else inertial_moment, lever)
+            )
     return tuple(acting)
 
 
@@ -111,7 +113,7 @@ def object_wrench(
     motion: RigidMotion | None = None,
     T_world_object: FloatArray | None = None,
 ) -> FloatArray:
-    """Return (..., 6) weight and loads of a scene's object about its centre of mass, N and N m.
+    """Return the (..., 6) wrench of weight and loads about the centre of mass, N and N m.
 
     The arguments are those of `acting_forces`.
 
@@ -125,7 +127,7 @@ def object_wrench(
     )
     if motion is STILL and not scene.loads:
         return weight
-    return weight + sum(one.wrench for one in acting_forces(scene, motion, T_world_object))
+    return weight + sum(acting.wrench for acting in acting_forces(scene, motion, T_world_object))
 
 
 def object_inertia(scene: SceneFields) -> FloatArray:
@@ -137,18 +139,17 @@ def object_inertia(scene: SceneFields) -> FloatArray:
     target, inertia = scene.object, scene.object.spatial_inertia()
     for load in scene.loads:
         if load.mass:
-            at = target.center_of_mass if load.at is None else load.at
-            lever = target.T_world_object[:3, :3] @ (at - target.center_of_mass)
+            point = target.center_of_mass if load.at is None else load.at
+            lever = target.T_world_object[:3, :3] @ (point - target.center_of_mass)
             W = wrench_map(lever[None])
             inertia = inertia + load.mass * W @ W.T
     return inertia
 
 
 def load_rates(scene: SceneFields, angular: FloatArray) -> FloatArray:
-    """Return how the wrench of loads on the object changes as it turns.
+    """Return the rates of the wrench of loads as the object turns.
 
-    A force on a point of the object does other work about the centre of mass then. Inertial forces
-    count as they are now.
+    The lever of a force turns with the object. Inertial forces are taken as constant.
 
     Args:
         scene: The scene.
@@ -158,21 +159,21 @@ def load_rates(scene: SceneFields, angular: FloatArray) -> FloatArray:
         (6, d) about the object's centre of mass, world axes.
     """
     total = np.zeros((6, angular.shape[1]))
-    for one in acting_forces(scene):
-        force, moment = np.zeros_like(angular), np.cross(angular, one.lever, axis=0)
-        moment = np.cross(moment, one.force, axis=0)
-        if one.turns:
-            force = np.cross(angular, one.force, axis=0)
-            moment = np.cross(angular, one.wrench[3:], axis=0)
+    for acting in acting_forces(scene):
+        force, moment = np.zeros_like(angular), np.cross(angular, acting.lever, axis=0)
+        moment = np.cross(moment, acting.force, axis=0)
+        if acting.turns:
+            force = np.cross(angular, acting.force, axis=0)
+            moment = np.cross(angular, acting.wrench[3:], axis=0)
         total += np.concatenate([force, moment])
     return total
 
 
 def hand_motion(scene: SceneFields) -> HandMotions | None:
-    """Return how a scene's hand accelerates; None where it does not.
+    """Return the motions of an accelerating hand's links; None if it does not accelerate.
 
     Raises:
-        SceneError: If the acceleration names what is no joint of the hand.
+        SceneError: If the acceleration names an unknown joint.
     """
     acceleration, hand = scene.acceleration, scene.hand
     if acceleration is None or hand is None or acceleration.of == Accelerated.OBJECT:
@@ -209,18 +210,18 @@ def _hand_motion(
 def carried_loads(
     scene: SceneFields, hand: Hand, joint: int, kinematics: Kinematics, T_joint_object: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return what bears on an object that moves with a joint, and on its hand, in many states.
+    """Return the loads on an object that moves with a joint, and inertial torques of the hand.
 
     Args:
-        scene: The scene; its acceleration counts as it is told.
+        scene: The scene, whose acceleration is the same in all states.
         hand: Its hand.
-        joint: Pinocchio's joint.
-        kinematics: Where the hand is in S states.
-        T_joint_object: (4, 4) pose of the object there, m.
+        joint: Index of Pinocchio's joint.
+        kinematics: Kinematics of the hand in S states.
+        T_joint_object: (4, 4) pose of the object in the joint's frame, m.
 
     Returns:
-        (S, 6) or (6,) weight and loads as `object_wrench` has them; (S, n) or () what joints need
-        for the links beside what carries their weight, N m or N: 0 where that does not count.
+        (S, 6) or (6,) wrench as of `object_wrench`; (S, n) or () joint torques that accelerate the
+        links, in addition to those against their weight, N m or N: 0 where they do not count.
 
     Raises:
         SceneError: See `hand_motion`.
@@ -241,7 +242,7 @@ def carried_loads(
 
 
 def inertial_torques(scene: SceneFields) -> FloatArray:
-    """Return (L,) what the hand's actuators need beside what carries the links' weight.
+    """Return (L,) torques that accelerate the links, in addition to those against their weight.
 
     Raises:
         SceneError: See `hand_motion`.
@@ -253,11 +254,11 @@ def inertial_torques(scene: SceneFields) -> FloatArray:
 
 
 def object_motion(scene: SceneFields) -> RigidMotion:
-    """Return how a scene's object moves: as the frame that is told, or as links that touch it.
+    """Return the motion of a scene's object: of the stated frame, or of the links that touch it.
 
     Raises:
-        SceneError: If the acceleration names what is no joint, no link touches the object or they
-            do not move as one, or the object slides on a support and no motion says so.
+        SceneError: If the acceleration names an unknown joint, no link touches the object or the
+            links do not move as one, or the object slides on a support without a declared motion.
     """
     acceleration = scene.acceleration
     if acceleration is None:
@@ -274,10 +275,10 @@ def object_motion(scene: SceneFields) -> RigidMotion:
             f"{place}: joints move, but no link touches the object, which moves with them; close "
             "the fingers, or give 'of: object'"
         )
-    first, *others = links
+    first, *other_links = links
     carried = [motions.of(scene.hand.tree.link_joints[link]) for link in links]
-    for link, motion in zip(others, carried[1:], strict=True):
-        if not _same(motion, carried[0]):
+    for link, motion in zip(other_links, carried[1:], strict=True):
+        if not _is_same_motion(motion, carried[0]):
             raise SceneError(
                 f"{place}: links {first!r} and {link!r} touch the object and do not move as one; "
                 "name joints that carry both, such as an arm's"
@@ -297,10 +298,9 @@ def _frame_motion(acceleration: Acceleration, center: FloatArray) -> RigidMotion
 
     Args:
         acceleration: The acceleration.
-        center: (..., 3) the object's centre of mass, which that is of unless another point is told.
+        center: (..., 3) the object's centre of mass, world, m: the point unless another is stated.
 
-    The point that the acceleration is of is at rest at this moment: a constant velocity of all
-    changes no force.
+    The velocity of the point is taken as zero: a constant velocity of all bodies changes no force.
     """
     point = center if acceleration.at is None else acceleration.at
     v, a = (
@@ -315,10 +315,10 @@ def _frame_motion(acceleration: Acceleration, center: FloatArray) -> RigidMotion
     )
 
 
-def _same(one: RigidMotion, other: RigidMotion) -> bool:
+def _is_same_motion(motion: RigidMotion, other_motion: RigidMotion) -> bool:
     return all(
         np.allclose(
             first, second, rtol=0.0, atol=_SAME_MOTION * max(1.0, float(np.abs(first).max()))
         )
-        for first, second in zip(one, other, strict=True)
+        for first, second in zip(motion, other_motion, strict=True)
     )

@@ -1,4 +1,4 @@
-"""How much position feedback makes a scene's rest stable, and how fast it is lost without."""
+"""Minimum position feedback for a stable rest, and the growth rate of small motions without it."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ from graspless_pin.scene.problem_data import fingers_of_motors, problem_of, rest
 
 _MOTION_ROUNDING = 1e-10
 _PART_OF_MOTION = 1e-3
-"""Of the motion: a smaller part of it is none."""
+"""Relative to the motion: smaller parts count as zero."""
 _COSINE_ALONG_LOAD = float(np.cos(np.radians(20.0)))
 _LEAST_NORM = 1e-300
 
@@ -83,10 +83,10 @@ class MinimumStiffness:
         growth_by_surface: Growth where convex hulls of meshes are taken as they are (``facets``),
             and as the smooth surfaces that they stand for (``fitted``); the figures above are the
             worse of both. Empty where no mesh touches.
-        armature: Rotor inertia that was added at each joint, kg m^2, as the stiffness.
-        damping: Damping at each joint, N m s/rad, as the stiffness.
-        assumed: Contacts that are stated where no shapes touch so: that their points stay on both
-            bodies is assumed.
+        armature: Rotor inertia added at each joint, kg m^2, scaled as the stiffness.
+        damping: Damping at each joint, N m s/rad, scaled as the stiffness.
+        assumed: Stated contacts at which the shapes do not touch: their points are assumed to stay
+            fixed on both bodies.
     """
 
     stiffness: float
@@ -100,8 +100,8 @@ class MinimumStiffness:
     assumed: tuple[int, ...]
 
 
-class _Found(NamedTuple):
-    """What small motions of one model of the surfaces do under the worst forces."""
+class _MotionAnalysis(NamedTuple):
+    """Small motions for one model of the surfaces, under the worst contact forces found."""
 
     motion: LinearizedMotion
     bearing: FloatArray
@@ -123,16 +123,16 @@ def minimum_stiffness(
 ) -> MinimumStiffness:
     """Find the smallest position feedback with which a scene's rest is stable to second order.
 
-    The object is at rest under constant torques, and its contacts roll without slipping as far as
-    they go: whether rest can be left by slipping or opening is another question. Contacts that the
-    declared motion parts bear nothing; one along which contacts slide is left out. Joints that
-    carry no touching link are held.
+    The object is at rest under constant torques, and its contacts roll without slipping: whether
+    rest can be left by slipping or opening is another question. Contacts that the declared motion
+    parts carry no force; a declared motion with sliding contacts is ignored. Joints that carry no
+    touching link are held.
 
     Args:
         scene: The scene.
-        torques: (L,) of the motors, N m (N), that hold the object in balance.
+        torques: (L,) motor torques that hold the object in balance, N m (N).
         armature: Added to the inertia of each joint, kg m^2, over (0.1 m)^2 at joints that slide.
-        damping: At each joint, N m s/rad, likewise.
+        damping: Damping at each joint, N m s/rad, likewise.
 
     Raises:
         ArgumentError: If the torques do not hold the object in balance, the joints' inertia is
@@ -148,23 +148,23 @@ def minimum_stiffness(
     """
     added, damping = real_number("armature", armature, 0.0), real_number("damping", damping, 0.0)
     scene = checked_scene(scene).with_changes(controller=Controller(0.0, damping))
-    problem, models = _by_surface(scene, torques, added)
-    worst = _worst(models)
+    problem, models = _analyses_by_model(scene, torques, added)
+    worst = _worst_model(models)
     carriers = _carriers(scene, problem)
     names = [problem.joint_names[joint] for joint in carriers]
-    alone = dict.fromkeys(names, 0.0)
+    per_joint = dict.fromkeys(names, 0.0)
     if worst.growth > 0.0:
-        alone = {
-            name: _least(worst.motion.stable_feedback(worst.stiffness, row))
+        per_joint = {
+            name: _least_stable(worst.motion.stable_feedback(worst.stiffness, row))
             for name, row in zip(names, np.eye(len(names)), strict=True)
         }
     return MinimumStiffness(
-        _least(worst.stable) * _per_all(scene, problem),
-        MappingProxyType(alone),
+        _least_stable(worst.stable) * _unit_factor(scene, problem),
+        MappingProxyType(per_joint),
         worst.growth,
         read_only(worst.fastest) if worst.growth > 0.0 else None,
         read_only(worst.forces),
-        _growths(models),
+        _growth_by_model(models),
         added,
         damping,
         assumed_contacts(scene),
@@ -172,58 +172,58 @@ def minimum_stiffness(
 
 
 def small_motions(scene: SceneFields, torques: ArrayLike | Mapping[str, float]) -> SmallMotions:
-    """Return what becomes of small motions under the scene's controller, or why nobody knows.
+    """Return the growth of small motions under the scene's controller, or why it is unknown.
 
     Args:
         scene: The scene.
-        torques: (L,) of the motors, N m (N).
+        torques: (L,) motor torques, N m (N).
     """
     try:
         with capture():
-            problem, models = _by_surface(scene, torques, ARMATURE)
+            problem, models = _analyses_by_model(scene, torques, ARMATURE)
     except GrasplessPinError as error:
-        why = str(error).removeprefix(f"{label_of(scene)}: ").partition("; ")[0]
-        return SmallMotions.not_known(why)
-    worst = _worst(models)
-    growing = worst.growth > 0.0
-    neutral = [_moving_words(scene, problem, motion) for motion in worst.neutral.T]
-    per_all = _per_all(scene, problem)
+        reason = str(error).removeprefix(f"{label_of(scene)}: ").partition("; ")[0]
+        return SmallMotions.not_known(reason)
+    worst = _worst_model(models)
+    grows = worst.growth > 0.0
+    neutral = [_motion_text(scene, problem, motion) for motion in worst.neutral.T]
+    factor = _unit_factor(scene, problem)
     return SmallMotions(
-        _least(worst.stable) * per_all,
+        _least_stable(worst.stable) * factor,
         worst.growth,
-        _unit(scene, problem),
-        _moving_words(scene, problem, worst.fastest) if growing else "",
-        growth_by_surface=_growths(models),
-        motion=read_only(worst.fastest) if growing else None,
+        _stiffness_unit(scene, problem),
+        _motion_text(scene, problem, worst.fastest) if grows else "",
+        growth_by_surface=_growth_by_model(models),
+        motion=read_only(worst.fastest) if grows else None,
         neutral=tuple(dict.fromkeys(neutral)),
         least_growth=worst.least_growth,
-        stable=tuple((low * per_all, high * per_all) for low, high in worst.stable),
-        proofs={} if growing else _proofs(scene, problem, models),
+        stable=tuple((low * factor, high * factor) for low, high in worst.stable),
+        proofs={} if grows else _growth_proofs(scene, problem, models),
         assumed=assumed_contacts(scene) if len(worst.motion.inertia) else (),
     )
 
 
-def _proofs(
-    scene: SceneFields, problem: QuasistaticProblem, models: Mapping[str, _Found]
+def _growth_proofs(
+    scene: SceneFields, problem: QuasistaticProblem, models: Mapping[str, _MotionAnalysis]
 ) -> Mapping[str, GrowthProof]:
-    """Return what proves that nothing grows, by model of the surfaces; empty: it is not proven."""
+    """Return proofs that no motion grows, by model of the surfaces; empty without all of them."""
     carriers = _carriers(scene, problem)
     proofs = {}
-    for name, one in models.items():
-        motion = one.motion
+    for name, analysis in models.items():
+        motion = analysis.motion
         lyapunov = lyapunov_matrix(
-            motion.inertia, motion.total_stiffness(one.stiffness), motion.drag, GROWTH_LIMIT
+            motion.inertia, motion.total_stiffness(analysis.stiffness), motion.drag, GROWTH_LIMIT
         )
         if lyapunov is None:
             return {}
         proofs[name] = GrowthProof(
             read_only(motion.velocities),
-            read_only(one.bearing),
-            read_only(one.stiffness),
+            read_only(analysis.bearing),
+            read_only(analysis.stiffness),
             (*carriers.tolist(),),
             read_only(motion.gains),
             read_only(motion.damping),
-            read_only(ARMATURE * _shares(scene, problem)),
+            read_only(ARMATURE * _carrier_shares(scene, problem)),
             GROWTH_LIMIT,
             read_only(lyapunov),
         )
@@ -231,63 +231,67 @@ def _proofs(
 
 
 def controller_words(scene: SceneFields) -> str:
-    """Return the feedback at the joints that carry touching links; empty: none is stated."""
+    """Return the feedback at the joints that carry touching links as text; empty if not stated."""
     if scene.controller.holds_joints:
         return JOINTS_HELD
     problem = problem_of(scene)
-    gains, _ = _gains(scene, problem)
-    gains = gains / _shares(scene, problem) * _per_all(scene, problem)
+    gains, _ = _carrier_gains(scene, problem)
+    gains = gains / _carrier_shares(scene, problem) * _unit_factor(scene, problem)
     names = [problem.joint_names[joint] for joint in _carriers(scene, problem)]
     fingers = {} if scene.hand is None else fingers_of_motors(scene.hand)
-    words = gain_words(gains.tolist(), _unit(scene, problem), names, fingers)
+    words = gain_words(gains.tolist(), _stiffness_unit(scene, problem), names, fingers)
     return words or (CONSTANT_TORQUES if scene.controller.is_stated else "")
 
 
-def _unit(scene: SceneFields, problem: QuasistaticProblem) -> str:
+def _stiffness_unit(scene: SceneFields, problem: QuasistaticProblem) -> str:
     """Return the unit of the stiffness of all joints that carry touching links."""
     if not len(_carriers(scene, problem)):
         return ""
-    return "N m/rad" if _per_all(scene, problem) == 1.0 else "N/m"
+    return "N m/rad" if _unit_factor(scene, problem) == 1.0 else "N/m"
 
 
-def _per_all(scene: SceneFields, problem: QuasistaticProblem) -> float:
-    """Return what makes a stiffness per radian that of all joints: per metre where all slide."""
-    shares = _shares(scene, problem)
+def _unit_factor(scene: SceneFields, problem: QuasistaticProblem) -> float:
+    """Return the factor from stiffness per radian to the common unit: per metre if all slide."""
+    shares = _carrier_shares(scene, problem)
     return float(shares.min()) if len(shares) else 1.0
 
 
-def _shares(scene: SceneFields, problem: QuasistaticProblem) -> FloatArray:
+def _carrier_shares(scene: SceneFields, problem: QuasistaticProblem) -> FloatArray:
     """Return `gain_shares` of the joints that carry touching links."""
     units = [problem.joint_units[joint] for joint in _carriers(scene, problem)]
     return gain_shares([unit is JointUnit.FORCE for unit in units])
 
 
-def _gains(scene: SceneFields, problem: QuasistaticProblem) -> tuple[FloatArray, FloatArray]:
-    """Return K and D, each (c,), of the joints that carry touching links."""
+def _carrier_gains(
+    scene: SceneFields, problem: QuasistaticProblem
+) -> tuple[FloatArray, FloatArray]:
+    """Return stiffness K and damping D, each (c,), of the joints that carry touching links."""
     controller, fingers = scene.controller, dict[str, str]()
     if scene.hand is not None:
         controller.check(scene.hand.actuation.names, (*scene.hand.fingers,))
         fingers = fingers_of_motors(scene.hand)
     names = [problem.joint_names[joint] for joint in _carriers(scene, problem)]
-    return controller.gains(names, _shares(scene, problem), fingers)
+    return controller.gains(names, _carrier_shares(scene, problem), fingers)
 
 
-def _growths(models: Mapping[str, _Found]) -> Mapping[str, float]:
-    """Return the growth by model of the surfaces, where there are several."""
-    return {name: one.growth for name, one in models.items()} if len(models) > 1 else {}
+def _growth_by_model(models: Mapping[str, _MotionAnalysis]) -> Mapping[str, float]:
+    """Return the growth rate (1/s) by model of the surfaces; empty with one model."""
+    return {name: analysis.growth for name, analysis in models.items()} if len(models) > 1 else {}
 
 
-def _worst(models: Mapping[str, _Found]) -> _Found:
-    return max(models.values(), key=lambda one: (one.growth > 0.0, _least(one.stable), one.growth))
+def _worst_model(models: Mapping[str, _MotionAnalysis]) -> _MotionAnalysis:
+    return max(
+        models.values(), key=lambda one: (one.growth > 0.0, _least_stable(one.stable), one.growth)
+    )
 
 
-def _least(stable: Intervals) -> float:
-    """Return from where on the last interval of stable feedback goes; inf: there is none."""
+def _least_stable(stable: Intervals) -> float:
+    """Return the lower end of the last interval of stable feedback; inf without any."""
     return stable[-1][0] if stable else np.inf
 
 
-def _moving_words(scene: SceneFields, problem: QuasistaticProblem, motion: FloatArray) -> str:
-    """Return what a small motion (6 + L,) moves, and how."""
+def _motion_text(scene: SceneFields, problem: QuasistaticProblem, motion: FloatArray) -> str:
+    """Return in words what moves in a small motion (6 + L,), and how."""
     shares = motion / motion_units(problem)
     linear, angular = (float(np.linalg.norm(part)) for part in (shares[:3], shares[3:6]))
     if max(linear, angular) < _PART_OF_MOTION * float(np.abs(shares).max()):
@@ -297,18 +301,18 @@ def _moving_words(scene: SceneFields, problem: QuasistaticProblem, motion: Float
     if scene.object.shape.rolls and linear > _PART_OF_MOTION * angular:
         return "the object rolls"
     axis, load = motion[3:6], problem.external_wrench[:3]
-    along = abs(float(axis @ load)) / float(
+    cosine = abs(float(axis @ load)) / float(
         np.linalg.norm(axis) * max(np.linalg.norm(load), _LEAST_NORM)
     )
-    return "the object turns" if along > _COSINE_ALONG_LOAD else "the object tilts"
+    return "the object turns" if cosine > _COSINE_ALONG_LOAD else "the object tilts"
 
 
-def _by_surface(
+def _analyses_by_model(
     scene: SceneFields, torques: ArrayLike | Mapping[str, float], armature: float
-) -> tuple[QuasistaticProblem, Mapping[str, _Found]]:
-    """Return a scene's problem at rest, and its small motions by how meshes are taken.
+) -> tuple[QuasistaticProblem, Mapping[str, _MotionAnalysis]]:
+    """Return a scene's problem at rest, and its small motions by model of the surfaces.
 
-    Growth is that under the controller, the least feedback that of all joints alike without it.
+    The growth is under the controller; stable feedback is equal at all joints and replaces it.
 
     Raises:
         ArgumentError: See `minimum_stiffness`.
@@ -320,15 +324,15 @@ def _by_surface(
         problem = problem_of(scene)
     torque = motor_torques(problem.joint_names, torques)
     problem = rest_problem(scene, problem, torque)
-    found = balance(problem, torque)
-    if found is None or not found.is_rest:
+    rest = balance(problem, torque)
+    if rest is None or not rest.is_rest:
         raise ArgumentError(
             "torques", "do not hold the object in balance: no contact forces within friction do"
         )
-    bearing = bearing_forces(problem, torque, found.forces)
-    motions = _linearized(scene, problem, armature, bearing[:, 0] > LEAST_LOAD)
+    bearing = bearing_forces(problem, torque, rest.forces)
+    motions = _linearized_by_model(scene, problem, armature, bearing[:, 0] > LEAST_LOAD)
     bearing, forces = (
-        world_forces(problem, one * problem.scales.force) for one in (bearing, found.forces)
+        world_forces(problem, scaled * problem.scales.force) for scaled in (bearing, rest.forces)
     )
     models = {}
     for name, motion in motions.items():
@@ -339,14 +343,14 @@ def _by_surface(
         growth, fastest = motion.fastest(stiffness)
         if growth > 0.0:
             fastest = fastest / fastest[np.argmax(np.abs(fastest))]
-        models[name] = _Found(
+        models[name] = _MotionAnalysis(
             motion,
             bearing,
             stiffness,
             worst,
             growth,
             fastest,
-            stable=motion.stable_feedback(stiffness, _shares(scene, problem)),
+            stable=motion.stable_feedback(stiffness, _carrier_shares(scene, problem)),
             neutral=motion.neutral(stiffness),
             least_growth=motion.fastest(motion.stiffness(best))[0],
         )
@@ -354,40 +358,40 @@ def _by_surface(
 
 
 def linearized_motions(scene: SceneFields) -> tuple[LinearizedMotion, ...]:
-    """Return small motions under the scene's controller, by model of surfaces.
+    """Return linearised motions under the scene's controller, one for each model of the surfaces.
 
-    Empty where they are not known, or a motion is declared.
+    Empty where they cannot be computed, or contacts slide.
     """
     problem = problem_of(scene)
     if problem.is_sliding.any():
         return ()
     try:
         with capture():
-            return (*_linearized(scene, problem, ARMATURE).values(),)
+            return (*_linearized_by_model(scene, problem, ARMATURE).values(),)
     except GrasplessPinError:
         return ()
 
 
-def _linearized(
+def _linearized_by_model(
     scene: SceneFields,
     problem: QuasistaticProblem,
     armature: float,
     bears: NDArray[np.bool_] | None = None,
 ) -> Mapping[str, LinearizedMotion]:
-    """Return small motions under the scene's controller, by model of the surfaces.
+    """Return linearised motions under the scene's controller, by model of the surfaces.
 
     Args:
         scene: The scene.
         problem: Its problem of rest.
         armature: See `minimum_stiffness`.
-        bears: (M,) contacts that bear load, and that no motion slips or opens; None: all.
+        bears: (M,) contacts that bear load: motions neither slip nor open there; None: all.
 
     Raises:
         ArgumentError: See `minimum_stiffness`.
         SceneError: See `minimum_stiffness`.
     """
-    velocities, inertia = _motions(scene, problem, armature, bears)
-    gains, damping = _gains(scene, problem)
+    velocities, inertia = _no_slip_motions(scene, problem, armature, bears)
+    gains, damping = _carrier_gains(scene, problem)
     bodies, carriers = moving_bodies(scene, problem, velocities), 6 + _carriers(scene, problem)
     motions = {}
     for name, rolling in rolling_by_model(scene, problem).items():
@@ -399,13 +403,13 @@ def _linearized(
     return motions
 
 
-def _motions(
+def _no_slip_motions(
     scene: SceneFields,
     problem: QuasistaticProblem,
     armature: float,
     bears: NDArray[np.bool_] | None = None,
 ) -> tuple[FloatArray, FloatArray]:
-    """Return N (6 + L, d) and N^T M N; the arguments are those of `_linearized`.
+    """Return motions without slip N (6 + L, d), and N^T M N: see `_linearized_by_model`.
 
     Raises:
         ArgumentError: See `minimum_stiffness`.
@@ -413,27 +417,27 @@ def _motions(
     carriers = _carriers(scene, problem)
     joints = np.isin(np.arange(problem.joint_count), carriers)
     basis, kept, units = without_slip(problem, np.append(np.ones(6, bool), joints), bears=bears)
-    basis[np.abs(basis) < _MOTION_ROUNDING] = 0.0  # no feedback acts on what rounding moves
+    basis[np.abs(basis) < _MOTION_ROUNDING] = 0.0  # so that no feedback acts on rounding
     velocities = np.zeros((6 + problem.joint_count, basis.shape[1]))
     velocities[kept] = units[:, None] * basis
     inertia = np.zeros((len(basis), len(basis)))
     inertia[:6, :6] = problem.object_inertia
-    own = problem.joint_inertia
-    if own is not None and len(carriers):
-        slides = [unit is JointUnit.FORCE for unit in problem.joint_units]
-        rotors = np.diag(armature * gain_shares(slides))
-        moving_joints(problem.with_changes(joint_inertia=own + rotors))
-        inertia[6:, 6:] = (own + rotors)[np.ix_(carriers, carriers)]
+    joint_inertia = problem.joint_inertia
+    if joint_inertia is not None and len(carriers):
+        is_prismatic = [unit is JointUnit.FORCE for unit in problem.joint_units]
+        rotors = np.diag(armature * gain_shares(is_prismatic))
+        moving_joints(problem.with_changes(joint_inertia=joint_inertia + rotors))
+        inertia[6:, 6:] = (joint_inertia + rotors)[np.ix_(carriers, carriers)]
     return velocities, velocities[kept].T @ inertia @ velocities[kept]
 
 
 def _carriers(scene: SceneFields, problem: QuasistaticProblem) -> NDArray[np.intp]:
-    """Return the (c,) columns of J that move a link which touches the object."""
+    """Return the (c,) indices of the columns of J that move a touching link."""
     hand = scene.hand
     if hand is None or scene.controller.holds_joints:
         return np.zeros(0, dtype=np.intp)
-    found = contacts_of(scene).arrays
-    touching = [hand.tree.link_joints[link] for link in {*found.bodies[: found.hand_count]}]
+    contacts = contacts_of(scene).arrays
+    touching = [hand.tree.link_joints[link] for link in {*contacts.bodies[: contacts.hand_count]}]
     moved = hand.tree.supports[touching].any(axis=0)
     columns = (hand.actuation.from_joints[moved] != 0.0).any(axis=0)
     return np.flatnonzero(columns[: problem.joint_count])

@@ -1,4 +1,4 @@
-"""A first scene of a robot and an object: complete, commented, and with the hand still far off."""
+"""Text of a first scene with a robot and an object: complete, commented, the hand away from it."""
 
 from __future__ import annotations
 
@@ -42,16 +42,16 @@ _LIMITS = (FindingCode.PLACEHOLDER_EFFORT, FindingCode.UNKNOWN_EFFORT)
 
 
 class NewSceneText(NamedTuple):
-    """The text of a new scene, and what a reader has to know.
+    """The text of a new scene, and notes for its user.
 
     Attributes:
-        text: Of the file.
-        left_open: Actuators whose effort limits it leaves open.
-        kept: Limits (N m, N) by actuator that the robot's files state, so that `effort`
-            does not count; empty where that is None.
-        unplaceable: Why no place can be found for the hand; empty: it can be looked for.
-        out_of_reach: Palms on arms that may not reach the object from where the robot is; empty:
-            what there is to do with the base is left to ``place``.
+        text: Text of the file.
+        left_open: Actuators whose effort limits are left open.
+        kept: Limits (N m, N) by actuator that the robot's files state, so that `effort` has no
+            effect; empty where that is None.
+        unplaceable: Why the hand cannot be placed; empty if it can.
+        out_of_reach: Palms on arms that may not reach the object from the robot's base; empty if
+            the base need not be moved.
     """
 
     text: str
@@ -84,20 +84,20 @@ def new_scene_text(
     Args:
         target: The file: paths in it are relative to its folder.
         robot_name: A URDF, xacro file, MJCF or robot file, or the name of a robot.
-        object_name: What results call the object.
-        shape: The object's.
-        package_dirs: For the ``package://`` addresses of a URDF.
+        object_name: Name of the object in results.
+        shape: Shape of the object.
+        package_dirs: Folders for the ``package://`` addresses of a URDF.
         mass: kg; or
-        density: kg/m^3; neither: a density is guessed.
+        density: kg/m^3; with neither a density is guessed.
         slope: Angle of the support, rad; it falls towards +x.
-        efforts: Effort limit (N m, N) by finger, joint or tendon, taken before the robot's own.
-        effort: Of all others whose limit the robot's files do not tell; None: left open.
+        efforts: Effort limit (N m, N) by finger, joint or tendon, which replaces the robot's own.
+        effort: Limit of all others that the robot's files do not state; None: left open.
         visuals_collide: Whether links without collision shapes take their visual ones.
         root_link: Link to take with all that hangs on it, such as the palm of a whole robot; None:
             the robot file's, else all.
 
     Raises:
-        GrasplessPinError: If robot, mesh or a figure does not do.
+        GrasplessPinError: If the robot, the mesh or a figure is invalid.
     """
     robot = find_robot(robot_name, package_dirs)
     robot = replace(
@@ -105,9 +105,9 @@ def new_scene_text(
         visuals_collide=visuals_collide or robot.visuals_collide,
         root_link=root_link or robot.root_link,
     )
-    with capture() as found:
+    with capture() as findings:
         hand = Hand.assemble([Mount(robot)], effort_limits=efforts)
-    emit(*(one for one in found if one.code not in _LIMITS))
+    emit(*(one for one in findings if one.code not in _LIMITS))
     T_support = pose_matrix(np.zeros(3), (0.0, slope, 0.0))
     support = Support("slope" if slope else "table", HalfSpace(), T_support)
     is_guessed = mass is None and density is None
@@ -122,7 +122,7 @@ def new_scene_text(
     emit(*unit_findings(lying, beside_hand=True))
     path_text = paths_beside(target)
     weight = 9.81 * lying.mass
-    limits, left_open, kept = _efforts(hand, efforts, effort)
+    limits, left_open, kept = _effort_lines(hand, efforts, effort)
     unplaceable = ""
     try:
         fingers_that_close(hand, None)
@@ -130,30 +130,30 @@ def new_scene_text(
         unplaceable = str(error)
     found_arms = (arm_above(hand, carrier_of(hand, name)) for name in hand.fingers)
     arms = {arm.joint: arm for arm in found_arms if arm is not None}
-    beside = (
+    reaching_base = (
         base_beside(hand, next(iter(arms.values())), lying, support) if len(arms) == 1 else None
     )
-    base = clear_base(hand, lying, T_support[:3, 2]) if beside is None else beside
+    base = clear_base(hand, lying, T_support[:3, 2]) if reaching_base is None else reaching_base
     text = _TEXT.format(
         schema=SCHEMA_FILE,
         name=flow_of(f"{robot.name} and {lying.name}"),
         force=f"{max(_LEAST_NORMAL_FORCE, float(f'{_FORCE_OVER_WEIGHT * weight:.1g}')):g}",
-        robot=_block(stated_robot(robot, path_text), 2),
-        base=_pose(base, np.eye(3), 4),
+        robot=_yaml_block(stated_robot(robot, path_text), 2),
+        base=_pose_lines(base, np.eye(3), 4),
         stands="graspless-pin place finds one where the hand holds"
-        if beside is None
+        if reaching_base is None
         else "the arm reaches the object from there",
-        fingers=_fingers(robot, hand),
-        q=_positions(hand),
+        fingers=_finger_lines(robot, hand),
+        q=_position_lines(hand),
         efforts=limits,
         object=flow_of(lying.name),
-        shape=_shape(lying.shape.stated(path_text)),
-        mass=_mass(mass, density),
-        pose=_pose(lying.T_world_object[:3, 3], lying.T_world_object[:3, :3], 7),
+        shape=_shape_lines(lying.shape.stated(path_text)),
+        mass=_mass_line(mass, density),
+        pose=_pose_lines(lying.T_world_object[:3, 3], lying.T_world_object[:3, :3], 7),
         support=support.name,
-        **_sloped(slope),
+        **_slope_fields(slope),
     )
-    out_of_reach = hand.palms if arms and beside is None else ()
+    out_of_reach = hand.palms if arms and reaching_base is None else ()
     return NewSceneText(text, left_open, kept, unplaceable, out_of_reach)
 
 
@@ -187,75 +187,75 @@ supports:
 """
 
 
-def _block(data: Mapping[str, Any], column: int) -> str:
-    """Return what is there of some data in lines that start at a column."""
-    there = {name: value for name, value in data.items() if value is not None}
-    return block_of(plain(there), column)
+def _yaml_block(data: Mapping[str, Any], column: int) -> str:
+    """Return the entries that are not None as YAML lines, indented to a column."""
+    given = {name: value for name, value in data.items() if value is not None}
+    return block_of(plain(given), column)
 
 
-def _pose(position: ArrayLike, R: FloatArray, digits: int) -> str:
+def _pose_lines(position: ArrayLike, R: FloatArray, digits: int) -> str:
     turned = stated_rotation(R, "rpy_deg").get("rpy_deg", [0.0, 0.0, 0.0])
-    angles = [_short(angle, 6) for angle in turned]
-    return f"    position: {_vector(position, digits)}\n    rpy_deg: [{', '.join(angles)}]"
+    angles = [_number_text(angle, 6) for angle in turned]
+    return f"    position: {_vector_text(position, digits)}\n    rpy_deg: [{', '.join(angles)}]"
 
 
-def _short(number: float, digits: int) -> str:
+def _number_text(number: float, digits: int) -> str:
     return f"{round(float(number), digits) + 0.0:.{digits + 4}g}"
 
 
-def _vector(numbers: ArrayLike, digits: int) -> str:
-    return f"[{', '.join(_short(one, digits) for one in np.asarray(numbers).tolist())}]"
+def _vector_text(numbers: ArrayLike, digits: int) -> str:
+    return f"[{', '.join(_number_text(one, digits) for one in np.asarray(numbers).tolist())}]"
 
 
-def _fingers(robot: RobotDescription, hand: Hand) -> str:
+def _finger_lines(robot: RobotDescription, hand: Hand) -> str:
     if robot.fingers or not hand.fingers:
         return ""
     found = {name: {"joints": spec.joints, "tip": spec.tip} for name, spec in hand.fingers.items()}
-    below = flow_of(", ".join(hand.palms))
-    return f"  fingers: # the branches below {below}: rename them, leave out what is none\n" + (
-        _block(found, 4) + "\n"
+    palms = flow_of(", ".join(hand.palms))
+    return f"  fingers: # the branches below {palms}: rename them, leave out what is none\n" + (
+        _yaml_block(found, 4) + "\n"
     )
 
 
-def _positions(hand: Hand) -> str:
+def _position_lines(hand: Hand) -> str:
     tree = hand.tree
     lines = ["  q: # rad, m of prismatic joints; in degrees under q_deg\n"]
     for name in hand.control.joints:
         index = tree.joint_index[name]
         limits = f"{tree.lower[index]:.4g} .. {tree.upper[index]:.4g}"
-        lines.append(f"    {flow_of(name)}: {_short(hand.q[name], 6)} # {limits}\n")
+        lines.append(f"    {flow_of(name)}: {_number_text(hand.q[name], 6)} # {limits}\n")
     return "".join(lines) if len(lines) > 1 else ""
 
 
-def _stated_limit(limit: float) -> str:
+def _stated_limit_text(limit: float) -> str:
     return f"the file says {limit:g}" if math.isfinite(limit) else "the file gives no limit"
 
 
-def _efforts(
+def _effort_lines(
     hand: Hand, efforts: Mapping[str, float], effort: float | None
 ) -> tuple[str, tuple[str, ...], dict[str, float]]:
-    """Return the lines of the limits, which are left open, and which of the files' stay."""
+    """Return the lines of effort limits, the actuators left open, and the files' limits kept."""
     lines = [f"    {flow_of(name)}: {limit:g}\n" for name, limit in efforts.items()]
     left_open = []
-    ends = np.transpose(hand.effort_limits).tolist()
-    ranges = dict(zip(hand.actuation.names, ends, strict=True))
+    limit_pairs = np.transpose(hand.effort_limits).tolist()
+    ranges = dict(zip(hand.actuation.names, limit_pairs, strict=True))
     stated = {name: max(-low, high) for name, (low, high) in ranges.items()}
-    doubted = [
+    doubtful = [
         name for one in hand.findings if one.code in _LIMITS for name in one.subject.split(", ")
     ]
-    for name in doubted:
+    for name in doubtful:
         if effort is not None:
-            lines.append(f"    {flow_of(name)}: {effort:g} # {_stated_limit(stated[name])}\n")
+            lines.append(f"    {flow_of(name)}: {effort:g} # {_stated_limit_text(stated[name])}\n")
         elif not is_placeholder(stated[name]):
             low, high = ranges[name]
             limit = f"{high:g}" if high == -low else f"[{low:g}, {high:g}]"
             lines.append(f"    {flow_of(name)}: {limit} # the file's, of unknown origin\n")
         else:
-            lines.append(f"    {flow_of(name)}: # fill in; {_stated_limit(stated[name])}\n")
+            lines.append(f"    {flow_of(name)}: # fill in; {_stated_limit_text(stated[name])}\n")
             left_open.append(name)
     kept: dict[str, float] = {}
     if effort is not None:
-        unstated = {*hand.actuation.passive, *doubted, *efforts}
+        unstated = {*hand.actuation.passive, *doubtful, *efforts}
         for name in hand.fingers.keys() & efforts:
             unstated.update(driving_joints(hand.tree, hand.fingers[name]))
         kept = {name: limit for name, limit in stated.items() if name not in unstated}
@@ -268,7 +268,7 @@ def _efforts(
     return f"{head}\n{''.join(lines)}", tuple(left_open), kept
 
 
-def _shape(stated: dict[str, Any]) -> str:
+def _shape_lines(stated: dict[str, Any]) -> str:
     if stated["type"] != "mesh":
         return f"  shape: {flow_of(plain(stated))} # m"
     return f"""  shape:
@@ -278,7 +278,7 @@ def _shape(stated: dict[str, Any]) -> str:
     convex: {stated["convex"]} # hull, or decompose: into convex pieces, where hollows matter"""
 
 
-def _mass(mass: float | None, density: float | None) -> str:
+def _mass_line(mass: float | None, density: float | None) -> str:
     if mass is not None:
         return f"mass: {mass:g} # kg"
     if density is not None:
@@ -288,12 +288,12 @@ def _mass(mass: float | None, density: float | None) -> str:
     )
 
 
-def _sloped(angle: float) -> dict[str, str]:
-    """Return the support's pose and the axes of tangents, both empty on level ground."""
+def _slope_fields(angle: float) -> dict[str, str]:
+    """Return the lines of the support's pose and of tangent axes, both empty on level ground."""
     if not angle:
         return {"slope": "", "axes": ""}
-    turn, downhill = math.degrees(angle), _vector([math.cos(angle), 0.0, -math.sin(angle)], 7)
+    turn, downhill = math.degrees(angle), _vector_text([math.cos(angle), 0.0, -math.sin(angle)], 7)
     return {
-        "slope": f"    pose: {{rpy_deg: [0, {_short(turn, 6)}, 0]}} # falls towards +x\n",
+        "slope": f"    pose: {{rpy_deg: [0, {_number_text(turn, 6)}, 0]}} # falls towards +x\n",
         "axes": f"tangent_axes: [{downhill}] # t1 points downhill, t2 across\n",
     }

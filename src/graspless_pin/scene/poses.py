@@ -38,7 +38,7 @@ class PlacedScene:
 
     Attributes:
         scene: The scene with the moved hand.
-        placement: By how much each fingertip missed its point.
+        placement: Remaining distance of each fingertip from its point.
         overlaps: Hand links that overlap each other or a support.
     """
 
@@ -73,7 +73,7 @@ def close_fingers(
         >>> print(closed.closing)
         index: touches with link_3.0_tip
     """
-    result = close_hand(_hand(scene), scene.object, fingers=fingers, wrap=wrap, rates=rates)
+    result = close_hand(_hand_of(scene), scene.object, fingers=fingers, wrap=wrap, rates=rates)
     return ClosedScene(
         scene.with_changes(hand=result.hand),
         result,
@@ -103,7 +103,7 @@ def fingertip_contact(
         >>> placed.overlaps
         ()
     """
-    result = place_fingertips(_hand(scene), scene.object, goals)
+    result = place_fingertips(_hand_of(scene), scene.object, goals)
     return PlacedScene(
         scene.with_changes(hand=result.hand),
         result,
@@ -131,7 +131,7 @@ def settle(scene: Scene) -> Scene:
     return scene.with_changes(object=moved)
 
 
-def _hand(scene: Scene) -> Hand:
+def _hand_of(scene: Scene) -> Hand:
     checked_scene(scene)
     if scene.hand is None:
         raise SceneError(f"{label_of(scene)}: the scene has no hand whose fingers could move")

@@ -1,8 +1,8 @@
-"""What a scene's problem is made of: contacts with the joints there, and what bears on them.
+"""Data of a scene's problem: contacts and joints, and the loads, friction and limits there.
 
-The joints are columns of J: those under force control, then hybrid fingers.
-Loads, friction and limits may change while the contacts stay. `JointedContacts` is the same object
-then, which tells that one loop may solve many such scenes.
+The joints are columns of J: those under force control, then hybrid fingers. Where only loads,
+friction or limits change, `JointedContacts` stays the same object: one loop may then solve many
+such scenes.
 """
 
 from __future__ import annotations
@@ -31,13 +31,13 @@ from graspless_pin.scene.load_wrenches import inertial_torques, object_inertia, 
 
 
 class ControlledJoints(NamedTuple):
-    """L joints.
+    """The L joints that are columns of J.
 
     Attributes:
         jacobian: (3M, L) J of eq. (12), world axes.
         names: L names.
         units: L units of their torques.
-        hybrid_count: How many of them, the last ones, are hybrid fingers.
+        hybrid_count: Number of hybrid fingers, which come last.
     """
 
     jacobian: FloatArray
@@ -47,7 +47,7 @@ class ControlledJoints(NamedTuple):
 
 
 class JointedContacts(NamedTuple):
-    """The contacts of a scene and the joints there.
+    """The contacts of a scene and the joints that act there.
 
     Attributes:
         contacts: M contacts.
@@ -63,14 +63,14 @@ class JointedContacts(NamedTuple):
 
 
 class Loads(NamedTuple):
-    """What bears on the contacts of a scene, and what they and its joints take.
+    """Loads, friction and limits of a scene's problem.
 
     Attributes:
-        wrench: (6,) of weight and loads about the object's centre of mass, world axes.
+        wrench: (6,) of weight and loads about the object's centre of mass, world axes, N and N m.
         friction: (M,) coefficients.
-        limits: (lower, upper), each (L,), N m or N.
-        gravity_torques: (L,) g(q), and what accelerates the links.
-        max_normal_force: Of each contact, N.
+        limits: (lower, upper) torque limits, each (L,), N m or N.
+        gravity_torques: (L,) g(q) and the torques that accelerate the links, N m or N.
+        max_normal_force: Limit at each contact, N.
     """
 
     wrench: FloatArray
@@ -80,26 +80,26 @@ class Loads(NamedTuple):
     max_normal_force: float
 
     def row(self) -> FloatArray:
-        """Return them one after the other, as `compiled.core` takes them."""
-        most = np.full(len(self.friction), self.max_normal_force)
+        """Return all figures concatenated in the order that `compiled.core` takes."""
+        force_limits = np.full(len(self.friction), self.max_normal_force)
         return np.concatenate(
-            (self.friction, self.wrench, *self.limits, self.gravity_torques, most)
+            (self.friction, self.wrench, *self.limits, self.gravity_torques, force_limits)
         )
 
 
 def rest_problem(
     scene: SceneFields, problem: QuasistaticProblem, torques: FloatArray
 ) -> QuasistaticProblem:
-    """Return the problem of rest under the scene's controller: it may hold all joints.
+    """Return the problem of rest under the scene's controller, which may hold all joints.
 
     Args:
         scene: The scene.
         problem: Its problem.
-        torques: (L,) of the motors, N m (N).
+        torques: (L,) motor torques, N m (N).
     """
     if not scene.controller.holds_joints:
         return problem
-    # Loaded here: scenes that are solved without a verdict go without.
+    # Imported here: scenes that are solved without a verdict do not need it.
     from graspless_pin.holding.dynamics import with_joints_held
 
     return with_joints_held(problem, torques, np.arange(problem.joint_count))
@@ -117,19 +117,19 @@ def problem_of(scene: SceneFields) -> QuasistaticProblem:
 
 
 def problem_at(scene: SceneFields, state: JointedContacts) -> QuasistaticProblem:
-    """Return a new problem of a scene whose contacts and joints are known.
+    """Return a new problem of a scene from its contacts and joints.
 
     Args:
         scene: The scene.
-        state: What `jointed_contacts` returns of it.
+        state: What `jointed_contacts` returns for it.
 
     Raises:
         SceneError: See `loads_of`.
     """
     contacts, joints, loads = state.contacts, state.joints, loads_of(scene, state)
-    # Contacts that are given may be anything; those found are right by themselves.
-    make = problem_of_own_arrays if scene.given_contacts is None else QuasistaticProblem
-    problem = make(
+    # Stated contacts have to be checked; found ones are valid.
+    make_problem = problem_of_own_arrays if scene.given_contacts is None else QuasistaticProblem
+    problem = make_problem(
         state.positions,
         contacts.arrays.normals,
         loads.wrench,
@@ -145,25 +145,25 @@ def problem_at(scene: SceneFields, state: JointedContacts) -> QuasistaticProblem
         joint_units=joints.units,
         gravity_torques=loads.gravity_torques,
     )
-    joint_inertia = partial(inertia_of_columns, scene.hand, len(joints.names))
+    joint_inertia = partial(column_inertia, scene.hand, len(joints.names))
     sources = {"object_inertia": partial(object_inertia, scene), "joint_inertia": joint_inertia}
     return with_derived_inertias(problem, sources)
 
 
 def jointed_contacts(scene: SceneFields) -> JointedContacts:
-    """Return contacts and joints of a scene: the same object as before if they are the same.
+    """Return contacts and joints of a scene; the same object while they do not change.
 
     Raises:
         SceneError: See `Scene.contacts`; or if a hybrid finger touches at several points.
     """
     hand, center, all_contacts = scene.hand, scene.object.center_of_mass_world, touching_of(scene)
-    of_hand = () if hand is None else (hand.positions, hand.tree, hand.actuation, hand.control)
-    of_contacts = all_contacts, center.tobytes(), scene.tangent_axes, scene.motion, scene.supports
-    sources = *of_contacts, *of_hand
-    return scene._kept.made("jointed contacts", sources, lambda: _jointed_contacts(scene))
+    hand_data = () if hand is None else (hand.positions, hand.tree, hand.actuation, hand.control)
+    contact_data = all_contacts, center.tobytes(), scene.tangent_axes, scene.motion, scene.supports
+    sources = *contact_data, *hand_data
+    return scene._kept.made("jointed contacts", sources, lambda: _find_jointed_contacts(scene))
 
 
-def _jointed_contacts(scene: SceneFields) -> JointedContacts:
+def _find_jointed_contacts(scene: SceneFields) -> JointedContacts:
     contacts = contacts_of(scene)
     touching = contacts.arrays
     tangents = projected_tangents(touching.normals, scene.tangent_axes)
@@ -176,20 +176,20 @@ def _jointed_contacts(scene: SceneFields) -> JointedContacts:
 
 
 def loads_of(scene: SceneFields, state: JointedContacts) -> Loads:
-    """Return what bears on the contacts of a scene, and what they and its joints take.
+    """Return loads, friction and limits of a scene's problem.
 
     Args:
         scene: The scene.
         state: Its contacts and joints.
 
     Raises:
-        SceneError: If a body that touches has no coefficient of friction.
+        SceneError: If a touching body has no coefficient of friction.
     """
     return Loads(
         object_wrench(scene),
-        _coefficients(scene, state),
-        _limits(scene, state),
-        _carried(scene, state),
+        _friction_coefficients(scene, state),
+        _torque_limits(scene, state),
+        _gravity_torques(scene, state),
         scene.max_normal_force,
     )
 
@@ -197,19 +197,18 @@ def loads_of(scene: SceneFields, state: JointedContacts) -> Loads:
 def renewed_row(
     scene: SceneFields, state: JointedContacts, before: SceneFields, row: FloatArray
 ) -> FloatArray | None:
-    """Return the row of a scene that may have the same contacts and joints as one before.
+    """Return the row of a scene that may have the same contacts and joints as an earlier one.
 
-    A field counts as replaced where it is another object: what makes one scene of another passes on
-    the fields that stay.
+    A field counts as replaced if it is another object, as changed scenes share unchanged fields.
 
     Args:
         scene: The scene.
-        state: Contacts and joints of the one before.
-        before: The one before.
+        state: Contacts and joints of the earlier scene.
+        before: The earlier scene.
         row: Its row, see `Loads.row`.
 
     Returns:
-        The row; None if another field has been replaced than those that bear on contacts alone.
+        The row; None if a field was replaced that contacts or joints may depend on.
 
     Raises:
         SceneError: See `loads_of`.
@@ -222,12 +221,12 @@ def renewed_row(
     limits = count + 6
     row = row.copy()
     if not renewed.isdisjoint(_OF_FRICTION):
-        row[:count] = _coefficients(scene, state)
+        row[:count] = _friction_coefficients(scene, state)
     if not renewed.isdisjoint(_OF_LOADS):
         row[count:limits] = object_wrench(scene)
-        row[limits + 2 * joints : limits + 3 * joints] = _carried(scene, state)
+        row[limits + 2 * joints : limits + 3 * joints] = _gravity_torques(scene, state)
     if not renewed.isdisjoint(_OF_LIMITS):
-        row[limits : limits + 2 * joints] = np.concatenate(_limits(scene, state))
+        row[limits : limits + 2 * joints] = np.concatenate(_torque_limits(scene, state))
         row[limits + 3 * joints :] = scene.max_normal_force
     return row
 
@@ -239,23 +238,23 @@ _NOT_OF_PROBLEMS = frozenset({
     "name", "path", "controller", "uncertainty", "solve_options", "load_findings", "contacts",
     "findings", "_stated", "_kept",
 })  # fmt: skip
-"""What a problem does not hang on."""
+"""Fields and cached values on which a problem does not depend."""
 _BEARING = _OF_FRICTION | _OF_LIMITS | _OF_LOADS
 """Fields of a scene on which neither its contacts nor its joints depend."""
 _NO_LOADS = frozenset({"name", "load_findings", "contacts", "findings", "_stated"})
-"""What a scene says of itself, and what is worked out of its fields."""
+"""Descriptions of a scene, and values derived from its fields."""
 
 
-def _coefficients(scene: SceneFields, state: JointedContacts) -> FloatArray:
+def _friction_coefficients(scene: SceneFields, state: JointedContacts) -> FloatArray:
     """Return (M,) coefficients of friction, read-only."""
-    bodies, places = _bodies_touched(state.contacts.arrays)
-    own = [friction_at(scene, group, body) for group, body in bodies]
-    return read_only(np.array(own, dtype=np.float64)[places])
+    bodies, body_index = _touched_bodies(state.contacts.arrays)
+    by_body = [friction_at(scene, group, body) for group, body in bodies]
+    return read_only(np.array(by_body, dtype=np.float64)[body_index])
 
 
 @Derived
-def _bodies_touched(contacts: ContactArrays) -> tuple[Sequence[tuple[str, str]], NDArray[np.int_]]:
-    """Return the groups and names that `friction_at` takes, and (M,) which one each contact has."""
+def _touched_bodies(contacts: ContactArrays) -> tuple[Sequence[tuple[str, str]], NDArray[np.int_]]:
+    """Return (group, name) of each touching body, for `friction_at`, and (M,) its index."""
     count = contacts.hand_count
     sides = [("hand" if k < count else "supports", name) for k, name in enumerate(contacts.bodies)]
     bodies = [*dict.fromkeys(sides)]
@@ -263,7 +262,7 @@ def _bodies_touched(contacts: ContactArrays) -> tuple[Sequence[tuple[str, str]],
 
 
 def friction_at(scene: SceneFields, group: str, body: str) -> float:
-    """Return the coefficient of a body: a support's own, else the materials', else by name.
+    """Return the friction coefficient of a body: a support's own, else by materials, else by name.
 
     Args:
         scene: The scene.
@@ -280,9 +279,9 @@ def friction_at(scene: SceneFields, group: str, body: str) -> float:
                 return support.friction
             material = support.material
             break
-    own = scene.object.material
-    if material is not None and own is not None:
-        return scene.materials.friction(material, own)
+    object_material = scene.object.material
+    if material is not None and object_material is not None:
+        return scene.materials.friction(material, object_material)
     for key in (body, group, "default"):
         if key in scene.friction:
             return scene.friction[key]
@@ -292,8 +291,8 @@ def friction_at(scene: SceneFields, group: str, body: str) -> float:
     )
 
 
-def _limits(scene: SceneFields, state: JointedContacts) -> tuple[FloatArray, FloatArray]:
-    """Return (lower, upper), each (L,), N m or N."""
+def _torque_limits(scene: SceneFields, state: JointedContacts) -> tuple[FloatArray, FloatArray]:
+    """Return the torque limits (lower, upper), each (L,), N m or N."""
     hybrid = state.joints.hybrid_count
     if scene.hand is None:
         return np.zeros(0), np.zeros(0)
@@ -301,23 +300,23 @@ def _limits(scene: SceneFields, state: JointedContacts) -> tuple[FloatArray, Flo
     if not hybrid:
         return lower, upper
     limit = scene.hybrid_force_limit
-    most = np.full(hybrid, scene.max_normal_force if limit is None else limit)
-    return np.concatenate([lower, np.zeros(hybrid)]), np.concatenate([upper, most])
+    hybrid_limits = np.full(hybrid, scene.max_normal_force if limit is None else limit)
+    return np.concatenate([lower, np.zeros(hybrid)]), np.concatenate([upper, hybrid_limits])
 
 
-def _carried(scene: SceneFields, state: JointedContacts) -> FloatArray:
-    """Return (L,) torques that carry the links' weight, and accelerate them."""
+def _gravity_torques(scene: SceneFields, state: JointedContacts) -> FloatArray:
+    """Return (L,) joint torques against the links' weight, and for their acceleration."""
     hand, hybrid = scene.hand, state.joints.hybrid_count
     gravity = scene.gravity if scene.count_own_weight else None
 
-    def of_links() -> FloatArray:
+    def link_torques() -> FloatArray:
         torques = np.zeros(len(state.joints.names))
         motors = len(torques) - hybrid
         if hand is not None and gravity is not None and motors:
             torques[:motors] = hand.gravity_torques(gravity)
         return torques
 
-    carried = scene._kept.made("carried", (state, gravity), of_links)
+    carried = scene._kept.made("carried", (state, gravity), link_torques)
     if gravity is None or scene.acceleration is None:
         return carried
     return carried + np.concatenate([inertial_torques(scene), np.zeros(hybrid)])
@@ -343,15 +342,15 @@ def joint_columns(hand: Hand | None, touching: ContactArrays) -> ControlledJoint
 
 
 def possible_columns(hand: Hand | None) -> dict[str, JointUnit]:
-    """Return the units by name of all columns that `joint_columns` may have, whatever touches."""
+    """Return the units, by name, of all columns that `joint_columns` may have for any contacts."""
     if hand is None:
         return {}
-    forces = dict.fromkeys(map(_column_of, hand.control.hybrid_fingers), JointUnit.FORCE)
+    forces = dict.fromkeys(map(_column_name, hand.control.hybrid_fingers), JointUnit.FORCE)
     return dict(zip(hand.actuated_joint_names, hand.effort_units, strict=True)) | forces
 
 
-def inertia_of_columns(hand: Hand | None, count: int) -> FloatArray:
-    """Return the (L, L) inertia of the columns of J: zero where a hybrid finger commands a force.
+def column_inertia(hand: Hand | None, count: int) -> FloatArray:
+    """Return the (L, L) inertia of the columns of J: zero for hybrid fingers.
 
     Args:
         hand: At its configuration; None: there is no column.
@@ -365,7 +364,7 @@ def inertia_of_columns(hand: Hand | None, count: int) -> FloatArray:
 
 
 def fingers_of_motors(hand: Hand) -> dict[str, str]:
-    """Return the finger of each motor that moves links of one finger alone."""
+    """Return the finger of each motor that moves links of one finger only."""
     moved: dict[str, set[str | None]] = {}
     for link, carrier in hand.tree.link_joints.items():
         own = np.abs(hand.actuation.from_joints[hand.tree.supports[carrier]]).sum(axis=0)
@@ -373,9 +372,9 @@ def fingers_of_motors(hand: Hand) -> dict[str, str]:
             moved.setdefault(hand.actuation.names[column], set()).add(hand.finger_of(link))
     return {
         name: finger
-        for name, of in moved.items()
-        if len(of - {None}) == 1
-        for finger in of
+        for name, fingers in moved.items()
+        if len(fingers - {None}) == 1
+        for finger in fingers
         if finger is not None
     }
 
@@ -394,7 +393,7 @@ def _with_hybrid_fingers(
     for column, index in enumerate(hybrid):
         columns[3 * index : 3 * index + 3, column] = touching.normals[index]
         finger = hand.finger_of(touching.bodies[index])
-        name = _column_of(finger)
+        name = _column_name(finger)
         if name in names:
             raise StateError(
                 StateFault.AMBIGUOUS,
@@ -407,6 +406,6 @@ def _with_hybrid_fingers(
     return ControlledJoints(jacobian, tuple(names), units, len(hybrid))
 
 
-def _column_of(finger: str | None) -> str:
+def _column_name(finger: str | None) -> str:
     """Return the name of a hybrid finger's column."""
     return f"{finger}.normal_force"
