@@ -30,7 +30,7 @@ from graspless_pin.intake.yaml_source import plain
 from graspless_pin.intake.yaml_text import block_of, flow_of
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.scene.entry_findings import unit_findings
-from graspless_pin.scene.saving import paths_beside
+from graspless_pin.scene.saving import path_writer
 from graspless_pin.scene.serialization import stated_robot, stated_rotation
 
 SCHEMA_FILE = "scene.schema.json"
@@ -120,7 +120,7 @@ def new_scene_text(
     )
     lying = lying_object(target_object, support)
     emit(*unit_findings(lying, beside_hand=True))
-    path_text = paths_beside(target)
+    path_text = path_writer(target)
     weight = 9.81 * lying.mass
     limits, left_open, kept = _effort_lines(hand, efforts, effort)
     unplaceable = ""

@@ -1,4 +1,4 @@
-"""The answer to a scene that says what is not known exactly of it, and what stands beside it."""
+"""The robust answer to a scene with an uncertainty, and figures shown with it."""
 
 from __future__ import annotations
 
@@ -23,29 +23,29 @@ from graspless_pin.solution import Status, TorqueSolution
 from graspless_pin.tree_search import Limits
 
 SHARE_TIME = 20.0  # s
-"""For the share of a set that is served."""
+"""Time limit for the share of the set that torques serve."""
 CORNER_TIME, CORNER_NODES = 20.0, 1000
-"""Seconds for the verdicts on all corners, and sets of outcomes that each may look at."""
+"""Seconds for the verdicts on all corners, and node limit (sets of outcomes) of each."""
 STIFFNESS = 1.0  # N m/rad
-"""Of the joints, where it is told what feedback adds: whether it serves a set is so for any."""
+"""Joint stiffness of `with_feedback`; whether a set is served does not depend on its size."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class RobustAnswer(Brief):
-    """Torques for all that is not known of a scene.
+    """Torques that serve the whole set of a scene's uncertainty.
 
     Attributes:
-        uncertainty: What the scene says.
-        robust: What was found for the whole set.
+        uncertainty: The scene's uncertainty.
+        robust: The robust solution for the whole set.
         nominal: The solution of the nominal scene.
-        at_torques: The same scene under the torques for the set: the forces of the largest margin.
-            None where nothing was found.
-        served_share: The largest share of the set that is served: 1 where torques were found, NaN
-            where it is not known or there is none.
-        unserved_share: The smallest share for which no torques were found: it is farther from
-            `served_share` than a thousandth where the time for it ended; NaN where it is not known.
-        with_feedback: What joint stiffness of `STIFFNESS` makes of it; None: it was not asked.
-        at_corners: Whether the object stays at the corners of the set; None: it was not asked.
+        at_torques: Solution of the nominal scene under the robust torques, with the contact forces
+            of the largest margin; None without torques.
+        served_share: Largest share of the set that torques serve: 1 where torques were found, NaN
+            where it is unknown or there is none.
+        unserved_share: Smallest share for which no torques were found, within a thousandth of
+            `served_share` unless the time limit was reached; NaN where it is unknown.
+        with_feedback: Robust solution with joint stiffness `STIFFNESS`; None: not computed.
+        at_corners: Verdicts on the corners of the set; None: not computed.
     """
 
     uncertainty: Uncertainty
@@ -64,7 +64,7 @@ class RobustAnswer(Brief):
 
     @property
     def solution(self) -> TorqueSolution:
-        """That under the torques; where there are none, that of the joined problem, not found."""
+        """The solution under the torques; without torques that of the joined problem, not found."""
         if self.at_torques is None or not self.found:
             why = str(self.robust) if self.nominal.found else self.nominal.explanation
             return changed(self.robust.solution, "explanation", _explanation=why)
@@ -78,97 +78,100 @@ def robust_answer(
     share_time: float = SHARE_TIME,
     **options: Any,
 ) -> RobustAnswer:
-    """Return what `Scene.solve` finds for what is not known of a scene, and what stands beside it.
+    """Solve a scene for its uncertainty and nominally; without torques find the share served.
 
     Args:
-        scene: The scene; it says what is not known.
+        scene: The scene, with an uncertainty.
         algorithm: See `Scene.solve`.
-        share_time: Seconds for the share that is served, where not all of the set is.
+        share_time: Seconds for the share that is served, where the whole set is not.
         options: See `Scene.solve`; feedback is that of the scene's controller.
 
     Raises:
         ArgumentError: See `Scene.solve`.
     """
-    unknown = stated_by(scene)
+    uncertainty = stated_by(scene)
 
     def solve_share(share: float = 1.0, **further: Any) -> RobustSolution:
-        asked = {**options, **further}
-        return scene.solve(algorithm, uncertainty=unknown.scaled(share), **asked)
+        merged = {**options, **further}
+        return scene.solve(algorithm, uncertainty=uncertainty.scaled(share), **merged)
 
     robust, weak = solve_share(), RequiredStability.WEAK.value
     nominal = scene.solve(algorithm, **options)
     if robust.found:
-        _, how = scene.asked(algorithm, **options)
-        return RobustAnswer(unknown, robust, nominal, _at_torques(scene, robust, how), 1.0)
+        _, settings = scene.asked(algorithm, **options)
+        return RobustAnswer(
+            uncertainty, robust, nominal, _at_robust_torques(scene, robust, settings), 1.0
+        )
     share, unserved, with_feedback = math.nan, math.nan, None
     if robust.status not in (Status.NOT_FOUND_IN_LIMIT, Status.STRONG_NOT_FOUND):
-        # Which part is served is a question of forces; rest is asked of torques for all of it.
-        of_part = partial(solve_share, stability=weak)
-        share, unserved = _share_of(of_part, robust, share_time, options.get("time_limit"))
+        # The share is computed without proofs of rest, which are for torques of the whole set.
+        solve_weak = partial(solve_share, stability=weak)
+        share, unserved = _served_share(solve_weak, robust, share_time, options.get("time_limit"))
         if nominal.found and robust.feedback is None and nominal.problem.joint_count:
             limit = options.get("time_limit")
             seconds = share_time if limit is None else min(share_time, limit)
-            with_feedback = of_part(feedback=STIFFNESS, time_limit=seconds)
-    return RobustAnswer(unknown, robust, nominal, None, share, unserved, with_feedback)
+            with_feedback = solve_weak(feedback=STIFFNESS, time_limit=seconds)
+    return RobustAnswer(uncertainty, robust, nominal, None, share, unserved, with_feedback)
 
 
-def _share_of(
+def _served_share(
     solve_share: Callable[..., RobustSolution],
     robust: RobustSolution,
     seconds: float,
-    each: float | None,
+    each_limit: float | None,
 ) -> tuple[float, float]:
-    """Return the shares of a set that are served and not served, as near as time allows.
+    """Return the largest share of a set that is served, and the smallest that is not.
 
     Args:
-        solve_share: Returns what is found for a share of it.
-        robust: What was found for all of it: no torques.
-        seconds: For all searches.
-        each: For one; None: all of them.
+        solve_share: Solves for a share of the set.
+        robust: The result for the whole set: no torques.
+        seconds: Time limit of all searches, which ends the bisection.
+        each_limit: Time limit of each search; None: only that of all.
     """
     limits = Limits.from_now(None, seconds)
 
-    def within(share: float) -> RobustSolution:
+    def solve_in_time(share: float) -> RobustSolution:
         return solve_share(
-            share, time_limit=min(one for one in (limits.seconds_left, each) if one is not None)
+            share,
+            time_limit=min(one for one in (limits.seconds_left, each_limit) if one is not None),
         )
 
-    found = largest_share(within, robust, limits)
-    return found.served, found.failing
+    result = largest_share(solve_in_time, robust, limits)
+    return result.served, result.failing
 
 
 def with_corner_verdicts(
     scene: Scene, answer: RobustAnswer, node_limit: int | None = None
 ) -> RobustAnswer:
-    """Return an answer with what happens at the corners of its set, as far as found in time.
+    """Return an answer with verdicts on the corners of its set, within `CORNER_TIME`.
 
     Args:
         scene: The scene.
-        answer: Torques for all that is not known of it.
-        node_limit: Sets of outcomes that each verdict may look at; None: `CORNER_NODES`.
+        answer: The robust answer.
+        node_limit: Node limit (sets of outcomes) of each verdict; None: `CORNER_NODES`.
     """
     robust = answer.robust
     if not answer.found:
         return answer
-    if robust.rest is not None:  # asked already, one that was often lost first
-        each = zip(robust.rest.corners, robust.rest.verdicts, strict=True)
-        known = sorted(each, key=lambda one: one[0])
+    if robust.rest is not None:  # asked already, in another order
+        pairs = zip(robust.rest.corners, robust.rest.verdicts, strict=True)
+        known = sorted(pairs, key=lambda one: one[0])
         members = tuple(robust.members[number] for number, _ in known)
         return replace(answer, at_corners=MemberVerdicts(members, tuple(one for _, one in known)))
     nodes = CORNER_NODES if node_limit is None else node_limit
-    found = verdicts_of_members(scene, robust, time_limit=CORNER_TIME, node_limit=nodes)
-    return replace(answer, at_corners=found)
+    verdicts = verdicts_of_members(scene, robust, time_limit=CORNER_TIME, node_limit=nodes)
+    return replace(answer, at_corners=verdicts)
 
 
 def solution_for_all(
     scene: Scene, algorithm: str | None = None, **options: Any
 ) -> tuple[TorqueSolution, RobustSolution]:
-    """Return the solution of a scene under the torques for its whole set, and what they are.
+    """Return the solution of a scene under its robust torques, and the robust solution.
 
-    Where there are no torques, the solution has the scene's own contacts, and tells why.
+    Without torques the solution has the scene's own contacts, and explains why.
 
     Args:
-        scene: The scene; it says what is not known.
+        scene: The scene, with an uncertainty.
         algorithm: See `Scene.solve`.
         options: See `Scene.solve`.
 
@@ -177,18 +180,18 @@ def solution_for_all(
     """
     robust = scene.solve(algorithm, uncertainty=True, **options)
     if robust.found:
-        _, how = scene.asked(algorithm, **options)
-        return _at_torques(scene, robust, how), robust
+        _, settings = scene.asked(algorithm, **options)
+        return _at_robust_torques(scene, robust, settings), robust
     joined = changed(robust.solution, "explanation", _explanation=str(robust))
     return without_torques(scene.solve(algorithm, **options), joined), robust
 
 
 def without_torques(nominal: TorqueSolution, joined: TorqueSolution) -> TorqueSolution:
-    """Return a solution of the scene's own contacts, for which there are no torques.
+    """Return a solution without torques for the scene's own contacts.
 
     Args:
-        nominal: That of the nominal scene.
-        joined: That of the members together, not found; it tells why.
+        nominal: Solution of the nominal scene.
+        joined: Solution of the joined members, not found, with its explanation.
     """
     return changed(
         nominal,
@@ -200,8 +203,8 @@ def without_torques(nominal: TorqueSolution, joined: TorqueSolution) -> TorqueSo
     )
 
 
-def _at_torques(scene: Scene, robust: RobustSolution, how: SolveOptions) -> TorqueSolution:
-    """Return the scene under robust torques: the forces of the largest margin."""
+def _at_robust_torques(scene: Scene, robust: RobustSolution, how: SolveOptions) -> TorqueSolution:
+    """Return the scene's solution under robust torques: the forces of the largest margin."""
     how = replace(how, stability=RequiredStability.WEAK)  # the torques are given
     solution = solve_problem(scene.problem(), AtTorques(Margin(), robust.torques), how)
     return solution.of_source(scene)

@@ -1,6 +1,7 @@
-"""Save a scene as YAML that loads to the same problem, with the comments of the file it came from.
+"""Save a scene as YAML that loads to the same problem, with the comments of its original file.
 
-That file is loaded as it is now, and changed only where it says something else than the scene is.
+That file is read again and edited where it differs. ``data`` is its content, ``meant`` is the scene
+that it loads to and ``wanted`` the scene to save, both in the form of `stated_scene`.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from graspless_pin.problem.checks import truth_values
 from graspless_pin.scene.fields import AnyScene, SceneFields, label_of
 from graspless_pin.scene.load import build_scene
 from graspless_pin.scene.scene_schema import SCENE, SceneEntry
-from graspless_pin.scene.serialization import described, stated_hand, stated_rotation, stated_scene
+from graspless_pin.scene.serialization import robot_key, stated_hand, stated_rotation, stated_scene
 from graspless_pin.scene.units import merged_angles, parted_angles
 
 _SAME_NUMBER = 1e-11
@@ -41,12 +42,12 @@ def write_scene_file(target: Path, make: Callable[[Path], str], *, overwrite: bo
 
     Args:
         target: The file.
-        make: Returns its text; called when nothing else speaks against it.
+        make: Returns its text; called after the other checks.
         overwrite: Whether a file of that name may be replaced.
 
     Raises:
-        SceneError: If the name is not one of a scene file, or the file is there already or cannot
-            be written.
+        SceneError: If the name has another suffix than a scene file, or the file exists already or
+            cannot be written.
         ArgumentError: If ``overwrite`` is neither True nor False.
     """
     truth_values(overwrite=overwrite)
@@ -54,17 +55,17 @@ def write_scene_file(target: Path, make: Callable[[Path], str], *, overwrite: bo
         raise SceneError(f"{target}: a scene file ends in .yaml or .yml; choose such a name")
     if os.path.lexists(target) and not overwrite:
         raise SceneError(f"{target}: is there already; choose another name, or give overwrite=True")
-    with _write_errors_of(target):
+    with _write_errors_for(target):
         make_folder_of(target)  # paths in the text are relative to it
     text = make(target)
-    with _write_errors_of(target), draft_of(target) as draft:
+    with _write_errors_for(target), draft_of(target) as draft:
         draft.write_text(text, encoding="utf-8", newline="")
     return target
 
 
 @contextmanager
-def _write_errors_of(target: Path) -> Iterator[None]:
-    """Say which file cannot be written."""
+def _write_errors_for(target: Path) -> Iterator[None]:
+    """Convert an `OSError` in the block to an error that names the file."""
     try:
         yield
     except OSError as error:
@@ -81,74 +82,74 @@ def scene_text(scene: SceneFields, target: Path) -> str:
         target: The file: paths in it are relative to its folder.
 
     Raises:
-        SceneError: If no scene file can say what the scene is, or the one that it came from is no
-            scene any more.
+        SceneError: If the scene cannot be expressed by a scene file, or its original file is
+            invalid by now.
     """
-    return _written(scene, target)[0]
+    return _text_and_scene(scene, target)[0]
 
 
 def scene_as_written(scene: AnyScene) -> AnyScene:
-    """Return a scene whose hand and object are to the last bit where a file of it puts them.
+    """Return a scene with hand and object as they are after saving and loading, to the last bit.
 
-    A search that ends at a limit may end otherwise after a difference in the last bit: what is
-    said of the one scene then holds for the other.
+    A difference in the last bit may change the result of a search that ends at a limit. With this
+    scene, results hold for the saved file, too.
 
     Raises:
         SceneError: As of `scene_text`.
     """
     with capture():
-        again = _written(scene, scene.path or Path("scene.yaml"))[1]
-    return scene.with_changes(hand=again.hand, object=again.object)
+        reloaded = _text_and_scene(scene, scene.path or Path("scene.yaml"))[1]
+    return scene.with_changes(hand=reloaded.hand, object=reloaded.object)
 
 
 def scene_data(scene: SceneFields) -> dict[str, Any]:
-    """Return what a file says that a scene could come from, beside the one that it came from.
+    """Return the content of a file of a scene, in the folder of its original file.
 
     Raises:
-        SceneError: If the file that it came from is no scene any more.
+        SceneError: If the original file is invalid by now.
     """
     target = scene.path or Path(scene.name)
-    return _data_for(scene, target, stated_scene(scene, paths_beside(target)))[0]
+    return _file_data(scene, target, stated_scene(scene, path_writer(target)))[0]
 
 
-def _data_for(
+def _file_data(
     scene: SceneFields, target: Path, wanted: dict[str, Any]
 ) -> tuple[dict[str, Any], bool]:
-    """Return what the file of a scene says, and whether that changes the file it came from.
+    """Return the content of a scene's file, and whether it is based on the original file.
 
     Args:
         scene: The scene.
         target: The file: paths in it are relative to its folder.
-        wanted: What `stated_scene` returns.
+        wanted: What `stated_scene` returns for the scene.
     """
-    _check_sayable(scene)
-    path_text = paths_beside(target)
+    _check_expressible(scene)
+    path_text = path_writer(target)
     if scene.path is not None and is_file(scene.path):
         source = YamlSource.read(scene.path, SCENE)
         meant = stated_scene(build_scene(SceneFields, source), path_text)
-        return _updated(_rebased(source, path_text), meant, wanted, scene), True
-    data = _updated({}, {"hand": None}, wanted, scene)
+        return _updated_data(_with_moved_paths(source, path_text), meant, wanted, scene), True
+    data = _updated_data({}, {"hand": None}, wanted, scene)
     if scene.name == target.stem:
         del data["name"]
     entry = validated(YamlSource(target, data, SCENE), SceneEntry)
     return entry.model_dump(mode="json", exclude_defaults=True), False
 
 
-def _check_sayable(scene: SceneFields) -> None:
-    """Refuse what has no words in a scene file.
+def _check_expressible(scene: SceneFields) -> None:
+    """Refuse shapes and robots that a scene file cannot express.
 
     Raises:
-        SceneError: If there is something.
+        SceneError: If there is one.
     """
     for key, body in (("object", scene.object), *(("supports", one) for one in scene.supports)):
         shape = body.shape
         solids = shape.parts if isinstance(shape, Compound) else (shape,)
-        unsupported = [one.kind for one in solids if type(one) not in SHAPES.values()]
+        unknown_kinds = [one.kind for one in solids if type(one) not in SHAPES.values()]
         inside = "" if solids == (shape,) else " in a compound"
-        if unsupported:
+        if unknown_kinds:
             raise SceneError(
                 f"{label_of(scene)}: {key}: {body.name!r} has a shape of the kind "
-                f"{unsupported[0]!r}, which no scene file has{inside}; "
+                f"{unknown_kinds[0]!r}, which no scene file has{inside}; "
                 f"use one of {', '.join(SHAPES)}, or write an MJCF (scene_to_mjcf)"
             )
     for mount in () if scene.hand is None else scene.hand.mounts:
@@ -159,19 +160,19 @@ def _check_sayable(scene: SceneFields) -> None:
             )
 
 
-def _written(scene: SceneFields, target: Path) -> tuple[str, SceneFields]:
-    """Return the text of a scene file, and what it loads to."""
-    path_text = paths_beside(target)
-    data, has_file = _data_for(scene, target, stated_scene(scene, path_text))
+def _text_and_scene(scene: SceneFields, target: Path) -> tuple[str, SceneFields]:
+    """Return the text of a scene file, and the scene that it loads to."""
+    path_text = path_writer(target)
+    data, has_file = _file_data(scene, target, stated_scene(scene, path_text))
     if has_file and scene.path is not None:
         text = edited_yaml(read_text(scene.path, SCENE), data)
     else:
         text = yaml_of(data)
-    return text, _checked(text, target, scene, path_text)
+    return text, _reloaded(text, target, scene, path_text)
 
 
-def paths_beside(target: Path) -> PathText:
-    """Return how a file names others: relative to its folder."""
+def path_writer(target: Path) -> PathText:
+    """Return a function that writes paths relative to a file's folder."""
 
     def path_text(path: Path) -> str:
         file = path.parent.resolve() / path.name
@@ -183,8 +184,8 @@ def paths_beside(target: Path) -> PathText:
     return path_text
 
 
-def _updated(data: Any, meant: Any, wanted: Any, scene: SceneFields) -> dict[str, Any]:
-    """Return what a file has to say to mean what is wanted, given what it says and that means."""
+def _updated_data(data: Any, meant: Any, wanted: Any, scene: SceneFields) -> dict[str, Any]:
+    """Return the content of a file edited so that it means the wanted scene."""
     if scene.hand is not None:
         hand = _updated_hand(data.get("hand"), meant["hand"], wanted["hand"], scene.hand)
         data = data | {"hand": hand}
@@ -193,12 +194,12 @@ def _updated(data: Any, meant: Any, wanted: Any, scene: SceneFields) -> dict[str
 
 
 def _updated_hand(data: Any, meant: Any, wanted: Any, hand: Hand) -> Any:
-    if meant is None or _robots(meant) != _robots(wanted):
+    if meant is None or _mounts_without_poses(meant) != _mounts_without_poses(wanted):
         with capture():  # of limits that the scene replaces
-            alone = stated_hand(Hand.assemble(hand.mounts), str)
-        own = {"hybrid_force_limit": None, "material": None, "count_own_weight": True}
-        meant = {"mounts": wanted["mounts"], **alone, **own}
-        mounts = [_plainly(mount) for mount in wanted["mounts"]]
+            assembled = stated_hand(Hand.assemble(hand.mounts), str)
+        defaults = {"hybrid_force_limit": None, "material": None, "count_own_weight": True}
+        meant = {"mounts": wanted["mounts"], **assembled, **defaults}
+        mounts = [_as_new_data(mount) for mount in wanted["mounts"]]
         data = mounts[0] if len(mounts) == 1 and not mounts[0]["prefix"] else {"mounts": mounts}
         if data is mounts[0]:
             del data["prefix"]
@@ -221,7 +222,7 @@ def _updated_hand(data: Any, meant: Any, wanted: Any, hand: Hand) -> Any:
     return {name: updated[name] for name in updated if name != "q" or q or "q" in data}
 
 
-def _robots(stated: dict[str, Any]) -> list[dict[str, Any]]:
+def _mounts_without_poses(stated: dict[str, Any]) -> list[dict[str, Any]]:
     return [
         {name: value for name, value in mount.items() if name != "base_pose"}
         for mount in stated["mounts"]
@@ -229,50 +230,50 @@ def _robots(stated: dict[str, Any]) -> list[dict[str, Any]]:
 
 
 def _updated_part(data: Any, meant: Any, wanted: Any, key: str = "") -> Any:
-    """Return what a part of a file has to say: see `_updated`."""
+    """Return a part of the content edited so that it means the wanted part."""
     if meant == wanted:
         return data
     if key not in _WHOLE and all(isinstance(one, list) for one in (data, meant, wanted)):
         return _updated_items(data, meant, wanted)
     maps = isinstance(meant, dict) and isinstance(wanted, dict) and isinstance(data, dict | None)
     if key in _WHOLE or not maps:
-        return _plainly(wanted, key)
+        return _as_new_data(wanted, key)
     updated = dict(data or {})
     if wanted.keys() == _POSE:
         return _updated_pose(updated, meant, wanted)
     if key == "shape" and meant["type"] != wanted["type"]:
-        return _plainly(wanted)
+        return _as_new_data(wanted)
     for name in {**meant, **wanted}:
         value = wanted.get(name)
         if value is None or (not value and name in _MAY_BE_EMPTY):
             updated.pop(name, None)
         elif name not in meant or meant[name] != value:
             updated[name] = _updated_part(updated.get(name), meant.get(name), value, name)
-    if key == "q":  # not what follows a joint that has moved
+    if key == "q":  # without joints that follow a moved one
         updated = {name: value for name, value in updated.items() if name in wanted}
     if key == "object":
         reshaped = meant["shape"] != wanted["shape"]
         if reshaped or meant["mass"] != wanted["mass"]:
             updated.pop("density", None)
             updated["mass"] = wanted["mass"]
-        if reshaped:  # the centroid has moved
+        if reshaped:  # as the centroid changes
             updated["center_of_mass"] = wanted["center_of_mass"]
     return updated
 
 
 def _updated_items(data: list[Any], meant: list[Any], wanted: list[Any]) -> list[Any]:
-    """Return what a list of a file has to say; supports are told by their names."""
-    known = {_name(item, index): index for index, item in enumerate(meant)}
+    """Return a list of the content edited; items are matched by name, else by index."""
+    index_of = {_item_name(item, index): index for index, item in enumerate(meant)}
     updated = []
     for index, item in enumerate(wanted):
-        old = known.get(_name(item, index))
+        old = index_of.get(_item_name(item, index))
         updated.append(
-            _plainly(item) if old is None else _updated_part(data[old], meant[old], item)
+            _as_new_data(item) if old is None else _updated_part(data[old], meant[old], item)
         )
     return updated
 
 
-def _name(item: Any, index: int) -> Any:
+def _item_name(item: Any, index: int) -> Any:
     return item.get("name", index) if isinstance(item, dict) else index
 
 
@@ -281,46 +282,47 @@ def _updated_pose(updated: dict[str, Any], meant: dict[str, Any], wanted: dict[s
         updated["position"] = wanted["position"]
     if meant["matrix"] != wanted["matrix"]:
         forms = [name for name, value in updated.items() if name != "position" and value]
-        kept = {name: value for name, value in updated.items() if name == "position"}
-        updated = kept | stated_rotation(wanted["matrix"], *forms)
+        position = {name: value for name, value in updated.items() if name == "position"}
+        updated = position | stated_rotation(wanted["matrix"], *forms)
     return updated
 
 
-def _plainly(wanted: Any, key: str = "") -> Any:
-    """Return what is wanted as a file says it that says nothing yet."""
+def _as_new_data(wanted: Any, key: str = "") -> Any:
+    """Return wanted data in the form for a new file: without None, rotations in short form."""
     if isinstance(wanted, list):
-        return [_plainly(item) for item in wanted]
+        return [_as_new_data(item) for item in wanted]
     if not isinstance(wanted, dict):
         return wanted
     if wanted.keys() == _POSE:
         return {"position": wanted["position"], **stated_rotation(wanted["matrix"])}
     if key == "friction" and wanted.keys() == {"default"}:
         return wanted["default"]
-    return {name: _plainly(value, name) for name, value in wanted.items() if value is not None}
+    return {name: _as_new_data(value, name) for name, value in wanted.items() if value is not None}
 
 
-def _rebased(source: YamlSource, path_text: PathText) -> Any:
-    """Return what a file says with its relative paths as the new file says them."""
+def _with_moved_paths(source: YamlSource, path_text: PathText) -> Any:
+    """Return the content of a file with its relative paths rewritten for the new file."""
 
-    def moved(text: Any) -> Any:
+    def moved_path(text: Any) -> Any:
         if isinstance(text, list):
-            return [moved(item) for item in text]
+            return [moved_path(item) for item in text]
         return text if Path(text).is_absolute() else path_text(source.file(text))
 
-    def walked(data: Any) -> Any:
+    def moved_part(data: Any) -> Any:
         if isinstance(data, list):
-            return [walked(item) for item in data]
+            return [moved_part(item) for item in data]
         if not isinstance(data, dict):
             return data
         return {
-            name: moved(data[name]) if _is_path(name, data) else walked(data[name]) for name in data
+            name: moved_path(data[name]) if _is_path_key(name, data) else moved_part(data[name])
+            for name in data
         }
 
-    parts = {name: walked(source.data[name]) for name in _WITH_PATHS if name in source.data}
+    parts = {name: moved_part(source.data[name]) for name in _WITH_PATHS if name in source.data}
     return {**source.data, **parts}
 
 
-def _is_path(name: str, data: dict[str, Any]) -> bool:
+def _is_path_key(name: str, data: dict[str, Any]) -> bool:
     robot_file = name == "robot" and data[name].endswith((".yaml", ".yml"))
     return (
         robot_file
@@ -329,16 +331,16 @@ def _is_path(name: str, data: dict[str, Any]) -> bool:
     )
 
 
-def _checked(text: str, target: Path, scene: SceneFields, path_text: PathText) -> SceneFields:
-    """Return what a text loads to; refuse one that loads to another scene.
+def _reloaded(text: str, target: Path, scene: SceneFields, path_text: PathText) -> SceneFields:
+    """Return the scene that a text loads to; refuse a text that loads to another scene.
 
     Raises:
-        SceneError: If it does: a scene may hold what was made in Python in a way of its own.
+        SceneError: If it does: parts made in Python may not be expressible in a scene file.
     """
-    again = build_scene(SceneFields, YamlSource.parsed(target, text, SCENE))
-    place = _first_difference(stated_scene(again, path_text), stated_scene(scene, path_text), ())
-    hands = [one.hand for one in (again, scene) if one.hand is not None]
-    robots = [[described(mount) for mount in hand.mounts] for hand in hands]
+    loaded = build_scene(SceneFields, YamlSource.parsed(target, text, SCENE))
+    place = _first_difference(stated_scene(loaded, path_text), stated_scene(scene, path_text), ())
+    hands = [one.hand for one in (loaded, scene) if one.hand is not None]
+    robots = [[robot_key(mount) for mount in hand.mounts] for hand in hands]
     if place is None and robots and robots[0] != robots[-1]:
         place = ("hand",)
     if place is not None and place != ("name",):
@@ -346,20 +348,20 @@ def _checked(text: str, target: Path, scene: SceneFields, path_text: PathText) -
             f"{target}: {key_text(place)}: no scene file leads to what this scene has there; if a "
             "robot was changed in Python, write a robot file that says so, and mount that"
         )
-    return again
+    return loaded
 
 
-def _first_difference(one: Any, other: Any, place: Location) -> Location | None:
-    if isinstance(one, dict) and isinstance(other, dict) and one.keys() == other.keys():
-        pairs = [((*place, name), one[name], other[name]) for name in one]
-    elif isinstance(one, list) and isinstance(other, list) and len(one) == len(other):
+def _first_difference(data: Any, other: Any, location: Location) -> Location | None:
+    if isinstance(data, dict) and isinstance(other, dict) and data.keys() == other.keys():
+        pairs = [((*location, name), data[name], other[name]) for name in data]
+    elif isinstance(data, list) and isinstance(other, list) and len(data) == len(other):
         pairs = [
-            ((*place, index), *pair) for index, pair in enumerate(zip(one, other, strict=True))
+            ((*location, index), *pair) for index, pair in enumerate(zip(data, other, strict=True))
         ]
-    elif isinstance(one, float) and isinstance(other, int | float):
-        same = one == other or abs(one - other) <= _SAME_NUMBER * max(1.0, abs(other))
-        return None if same else place
+    elif isinstance(data, float) and isinstance(other, int | float):
+        is_same = data == other or abs(data - other) <= _SAME_NUMBER * max(1.0, abs(other))
+        return None if is_same else location
     else:
-        return None if one == other else place
-    found = (_first_difference(first, second, inner) for inner, first, second in pairs)
-    return next((inner for inner in found if inner is not None), None)
+        return None if data == other else location
+    differences = (_first_difference(first, second, below) for below, first, second in pairs)
+    return next((below for below in differences if below is not None), None)

@@ -67,7 +67,7 @@ class Scene(SceneFields):
 
     Attributes:
         name: For titles.
-        path: The file that it came from, for messages; None if made in Python.
+        path: Its file, for messages; None if made in Python.
         hand: The hand at its configuration; None: the object only leans on supports.
         object: The manipulated object.
         supports: What is fixed around it.
@@ -79,8 +79,8 @@ class Scene(SceneFields):
         hand_material: Material of all hand links; None: `friction` tells.
         given_contacts: Contacts to be used as they are; None: found from the shapes.
         motion: The declared motion; None: at rest.
-        loads: What bears on the object beside gravity; names differ.
-        acceleration: How object and hand accelerate; None: not at all.
+        loads: Forces, payloads and fields on the object in addition to gravity; names differ.
+        acceleration: Acceleration of object and hand; None: none.
         max_normal_force: f_n,max of every contact, N.
         cone_edges: Edges of each friction cone.
         cone: Name of the friction cone model: see `QuasistaticProblem`.
@@ -91,17 +91,17 @@ class Scene(SceneFields):
         count_own_weight: Whether the links' weight g(q) counts against the limits.
         hybrid_force_limit: Largest commanded force of a hybrid finger, N; None: max_normal_force.
         max_penetration: Deepest overlap that passes for contact, m.
-        controller: What runs on the robot's joints beside the torques, for verdicts; its stiffness
-            adds to torques for what is not known exactly.
+        controller: Joint feedback that acts in addition to the torques, for verdicts; its stiffness
+            counts in robust torques, too.
         uncertainty: What is not known exactly; None: nothing, the scene is nominal.
         solve_options: Options of `solve` by name.
-        load_findings: What looked wrong when it was loaded.
+        load_findings: Findings from loading.
     """
 
     _DERIVED = ("contacts", "findings")
 
     def __repr__(self) -> str:
-        """Return its name and sizes in one line; nothing is computed for it."""
+        """Return name and sizes in one line, without computing anything."""
         joints = "no hand"
         if self.hand is not None:
             joints = f"a hand of {counted(len(self.hand.joint_names), 'joint')}"
@@ -112,11 +112,11 @@ class Scene(SceneFields):
 
     def __str__(self) -> str:
         """Return one screen: object, hand, supports, contacts, motion and findings."""
-        made = self.object
+        target = self.object
         lines = [self.name if self.path is None else f"{self.name} ({self.path})"]
         lines.append(
-            f"object    {made.name}: {_shape(made.shape)}, {made.mass:g} kg, at "
-            f"{_point(made.T_world_object[:3, 3])} m"
+            f"object    {target.name}: {_shape_text(target.shape)}, {target.mass:g} kg, at "
+            f"{_numbers(target.T_world_object[:3, 3])} m"
         )
         if self.hand is None:
             lines.append("hand      none")
@@ -129,30 +129,30 @@ class Scene(SceneFields):
                 f"hand      {fingers}: {counted(len(hand.joint_names), 'joint')}, "
                 f"{len(hand.actuated_joint_names)} under force control"
             )
-        lines += _first(
+        lines += _first_lines_of_kind(
             [
-                f"support   {one.name}: {_shape(one.shape)}{', moves' * one.is_moving}"
+                f"support   {one.name}: {_shape_text(one.shape)}{', moves' * one.is_moving}"
                 for one in self.supports
             ]
         )
-        lines += _first([f"load      {load}" for load in self.loads])
+        lines += _first_lines_of_kind([f"load      {load}" for load in self.loads])
         if self.acceleration is not None:
             lines.append(f"moves     {self.acceleration}")
         if self.uncertainty is not None:
             lines.append(f"unknown   {self.uncertainty}")
-        lines.append(f"contacts  {_contacts(self)}")
+        lines.append(f"contacts  {_contacts_text(self)}")
         if self.motion is None:
             lines.append("motion    none: at rest")
         else:
             twist = self.motion.object_twist
-            lines.append(f"motion    {_point(twist[:3])} m/s, {_point(twist[3:])} rad/s")
-        found = [f"{one.severity!s:<9} {one}" for one in self.findings]
-        lines += _first(found, " in scene.findings")
+            lines.append(f"motion    {_numbers(twist[:3])} m/s, {_numbers(twist[3:])} rad/s")
+        finding_lines = [f"{one.severity!s:<9} {one}" for one in self.findings]
+        lines += _first_lines_of_kind(finding_lines, " in scene.findings")
         return "\n".join(lines)
 
     @cached_property
     def findings(self) -> tuple[Finding, ...]:
-        """What is wrong with it, the gravest first, each with what to do, see `FindingCode`."""
+        """What is wrong with it, the gravest first, each with advice: see `FindingCode`."""
         return findings_of(self)
 
     @cached_property
@@ -167,18 +167,18 @@ class Scene(SceneFields):
         return contacts_of(self)
 
     def with_changes(self, values: Mapping[str, Any] | None = None, /, **changes: Any) -> Self:
-        """Return the same scene with something replaced; what that does not touch is not redone.
+        """Return the scene with some values replaced; data that do not depend on them stay cached.
 
         Args:
-            values: By key of a scene file, dotted as in a study (``object.mass``), as the file has
-                them: numbers in SI units, angles in rad. The file that the scene came from is read
-                again for that: fields are quicker.
-            changes: By name of a field; ``solve`` and ``contacts``, which have other names in a
-                file, as it has them. Fields are replaced first.
+            values: By key of a scene file, dotted as in a study (``object.mass``), in the form of
+                the file: numbers in SI units, angles in rad. The scene's file is read again for
+                that: fields are quicker.
+            changes: By name of a field; also the file's keys ``solve`` and ``contacts``, whose
+                fields have other names, in the form of the file. Fields are replaced first.
 
         Raises:
-            ArgumentError: If a name is none of the fields or keys, or a value not one of its field.
-            SceneError: If a scene file could not say that.
+            ArgumentError: If a name is no field or key, or a value is invalid for its field.
+            SceneError: If the scene file would be invalid.
 
         Examples:
             >>> from graspless_pin import load_scene
@@ -241,42 +241,42 @@ class Scene(SceneFields):
             algorithm: ``margin`` (Algorithm 1), ``torque`` (Algorithm 2) or another objective's
                 name; None: the scene's.
             uncertainty: What is not known exactly: then one vector of torques serves its whole set.
-                True: what the scene says of it. Without it, the nominal scene, whatever
-                the scene says.
-            options: Options of `maximize_margin`, `minimize_torque` or the other objective; beside
-                an uncertainty ``stability="strong"`` is asked at its corners, and there is
-                `feedback`: without it, the stiffness that the scene's controller states.
+                True: the scene's own uncertainty. Without it the nominal scene is solved, even if
+                the scene has an uncertainty.
+            options: Options of `maximize_margin`, `minimize_torque` or the other objective. With an
+                uncertainty ``stability="strong"`` is proven at its corners, and `feedback` is an
+                option; its default is the stiffness of the scene's controller.
 
         Raises:
-            ArgumentError: If an option is not known or not one of this algorithm, or the scene says
-                nothing of what is not known.
+            ArgumentError: If an option is unknown or not one of this algorithm, or the scene has no
+                uncertainty.
             SceneError: See `contacts`; or if the scene's own solver is not installed.
         """
         mode, feedback = options.pop("mode", None), options.pop("feedback", None)
-        objective, how = self.asked(algorithm, **options)
+        objective, settings = self.asked(algorithm, **options)
         if uncertainty is not None and uncertainty is not False:
-            # Loaded here: what is known exactly goes without.
+            # Imported here: scenes without uncertainty do not need it.
             from graspless_pin.scene.uncertain import solve_uncertain, stated_by
 
-            of = stated_by(self) if uncertainty is True else uncertainty
-            return solve_uncertain(self, objective, how, of, feedback=feedback, mode=mode)
+            unknown = stated_by(self) if uncertainty is True else uncertainty
+            return solve_uncertain(self, objective, settings, unknown, feedback=feedback, mode=mode)
         refuse_feedback_alone(feedback)
-        rest = rest_model_of(self) if how.strong else None
-        found = solve_problem(self.problem(), objective, how, mode=mode, rest=rest)
-        unused = [] if algorithm else [*unused_figures(self.solve_options, self._stated)]
-        if unused:
-            return found.of_source(changed(self, findings=(*self.findings, *unused)))
-        return found.of_source(self)
+        rest_model = rest_model_of(self) if settings.strong else None
+        solution = solve_problem(self.problem(), objective, settings, mode=mode, rest=rest_model)
+        unused_findings = [] if algorithm else [*unused_figures(self.solve_options, self._stated)]
+        if unused_findings:
+            return solution.of_source(changed(self, findings=(*self.findings, *unused_findings)))
+        return solution.of_source(self)
 
     def asked(self, algorithm: str | None = None, **options: Any) -> tuple[Objective, SolveOptions]:
-        """Return what `solve` solves for, and how; the arguments are the same."""
+        """Return the objective and options of `solve`, which has the same arguments."""
         name = algorithm or self.solve_options.get("algorithm", "margin")
         sources = self.solve_options, algorithm, *options, *options.values()
         asked = self._kept.get("asked", sources)
         if asked is None:
-            chosen = {**self.solve_options, **options, "algorithm": name}
+            merged = {**self.solve_options, **options, "algorithm": name}
             try:
-                asked = self._kept.put("asked", sources, objective_and_options(**chosen))
+                asked = self._kept.put("asked", sources, objective_and_options(**merged))
             except SolverUnavailableError as error:
                 if "solver" in options:
                     raise
@@ -289,7 +289,7 @@ class Scene(SceneFields):
     ) -> StabilityVerdict:
         """Tell whether the object stays with motor torques (L,), or by joint: see `stability`.
 
-        Where a link that torques move touches a support, nothing is decided: the problem does not
+        It is undecided where a link that torques move touches a support: the problem does not
         have that force.
         """
         return verdict_of(self, torques, **options)
@@ -298,7 +298,7 @@ class Scene(SceneFields):
         """Tell whether the object stays at each corner of a set that torques serve.
 
         Args:
-            robust: What `solve` has found with an uncertainty.
+            robust: What `solve` returns with an uncertainty.
             options: Those of `graspless_pin.stability`; `time_limit` is that of all corners.
         """
         return verdicts_of_members(self, robust, **options)
@@ -313,22 +313,22 @@ class Scene(SceneFields):
         """
         from graspless_pin.scene.uncertain import tolerances_of
 
-        _, how = self.asked(**{name: options[name] for name in options.keys() & {"solver"}})
-        return tolerances_of(self, torques, **{**how.for_analyses(), **options})
+        _, settings = self.asked(**{name: options[name] for name in options.keys() & {"solver"}})
+        return tolerances_of(self, torques, **{**settings.for_analyses(), **options})
 
     def save(self, path: str | Path, *, overwrite: bool = False) -> Path:
         """Write a scene file that loads to the same problem, and return its path.
 
-        What the file that the scene came from says stays, comments too, but for what has changed.
-        Relative paths are written as they are from the new place, absolute ones as they are.
+        The content of the scene's file stays, with comments, except what has changed. Relative
+        paths are rewritten for the new folder, absolute ones stay.
 
         Args:
             path: The file, ``.yaml``; folders that are missing are made.
             overwrite: Whether a file of that name may be replaced.
 
         Raises:
-            SceneError: If the file is there already or cannot be written, or no scene file can say
-                what the scene is.
+            SceneError: If the file exists already or cannot be written, or the scene cannot be
+                expressed by a scene file.
             ArgumentError: If ``overwrite`` is neither True nor False.
         """
         from graspless_pin.scene.saving import scene_text, write_scene_file
@@ -364,13 +364,13 @@ def load_scene(path: str | Path) -> Scene:
     return build_scene(Scene, YamlSource.read(path, SCENE))
 
 
-def _first(lines: list[str], where: str = "") -> list[str]:
-    """Return the first lines of one kind, and how many more there are, and where."""
-    more = len(lines) - _MOST_LINES
-    return [*lines[:_MOST_LINES], f"          and {more} more{where}"] if more > 0 else lines
+def _first_lines_of_kind(lines: list[str], suffix: str = "") -> list[str]:
+    """Return the first lines of one kind, and a line with the number of hidden ones."""
+    hidden = len(lines) - _MOST_LINES
+    return [*lines[:_MOST_LINES], f"          and {hidden} more{suffix}"] if hidden > 0 else lines
 
 
-def _contacts(scene: Scene) -> str:
+def _contacts_text(scene: Scene) -> str:
     try:
         touching = scene.contacts
     except GrasplessPinError as error:
@@ -381,7 +381,7 @@ def _contacts(scene: Scene) -> str:
     return f"{len(touching.bodies)}, {sliding} sliding: {each}"
 
 
-def _shape(shape: Shape) -> str:
+def _shape_text(shape: Shape) -> str:
     figures = [
         f"{value:g}" for key in shape.lengths() for value in np.atleast_1d(getattr(shape, key))
     ]
@@ -390,5 +390,5 @@ def _shape(shape: Shape) -> str:
     return f"{words} {' x '.join(figures)} m" if figures else words
 
 
-def _point(values: FloatArray) -> str:
+def _numbers(values: FloatArray) -> str:
     return f"[{', '.join(f'{value:.4g}' for value in (np.round(values, 9) + 0.0).tolist())}]"

@@ -1,7 +1,7 @@
-"""What is wrong with a scene at this moment, from its data: near misses, overlaps, odd figures.
+"""Findings on a scene in its present state: near misses, overlaps, implausible figures.
 
-`state_findings` tells whether its hand stands where torques mean nothing: off the object, or in
-something. Evaluators, studies and paths ask there, too.
+`state_findings` are those that make torques meaningless: the hand does not touch the object, or
+overlaps something. Evaluators, studies and paths use them, too.
 """
 
 from __future__ import annotations
@@ -42,23 +42,23 @@ from graspless_pin.scene.uncertain_figures import unused_surfaces
 from graspless_pin.suggestions import first_of
 
 STEEPEST_FRICTION = 3.0
-"""A larger coefficient is hardly one of dry bodies."""
+"""Largest plausible friction coefficient of dry bodies."""
 _STRONGEST_GRAVITY = 30.0  # m/s^2; Jupiter has 25
 _COSINE_UPWARD = np.cos(np.radians(45.0))
-_LEAST_GRAVITY = 9.81  # m/s^2, where loads are held against the object's weight
+_LEAST_GRAVITY = 9.81  # m/s^2, where loads are compared with the object's weight
 _HEAVIEST_LOAD = 50.0
-"""Of the object's mass or weight."""
+"""Relative to the object's mass or weight."""
 _UNLIMITED_EFFORT = {JointUnit.TORQUE: 1e3, JointUnit.FORCE: 1e5}
 _UNLIMITED_FORCE = 1e6  # N
 _FORCE_OVER_WEIGHT = 1e4
 
 
 class StateChecks(NamedTuple):
-    """What is looked for in a state.
+    """Which checks are made of a state.
 
     Attributes:
-        collisions: Whether links may not be deeper than ``max_penetration`` in a support or in each
-            other, see `unwanted_overlaps`.
+        collisions: Whether links must not overlap supports or each other by more than
+            ``max_penetration``, see `unwanted_overlaps`.
         need_hand: Whether the hand has to touch the object.
     """
 
@@ -74,15 +74,15 @@ def state_findings(scene: SceneFields, checks: StateChecks = ALL_CHECKS) -> tupl
 
     Args:
         scene: The scene.
-        checks: What is looked for.
+        checks: Which checks are made.
 
     Raises:
         SceneError: If the hand has to touch, and the contacts cannot be found for another reason
-            than that nothing touches.
+            than that there are none.
     """
     if scene.hand is None:
         return ()
-    found = [*_serious(hand_overlaps(scene))] if checks.collisions else []
+    found = [*_serious_overlap_findings(hand_overlaps(scene))] if checks.collisions else []
     if checks.need_hand and not _hand_touches(scene):
         found.append(
             Finding(
@@ -98,7 +98,7 @@ def state_findings(scene: SceneFields, checks: StateChecks = ALL_CHECKS) -> tupl
 
 
 def hand_overlaps(scene: SceneFields) -> tuple[Overlap, ...]:
-    """Return where the hand is in itself or in a support deeper than ``max_penetration``."""
+    """Return overlaps of the hand with itself or supports deeper than ``max_penetration``."""
     hand, deepest = scene.hand, scene.max_penetration
     if hand is None:
         return ()
@@ -118,9 +118,9 @@ def _hand_touches(scene: SceneFields) -> bool:
         raise
 
 
-def _serious(overlaps: Iterable[Overlap]) -> Iterator[Finding]:
-    """Find the hand in supports, and in itself: one serious finding of each."""
-    for kind, (deepest, words) in _deepest(overlaps).items():
+def _serious_overlap_findings(overlaps: Iterable[Overlap]) -> Iterator[Finding]:
+    """Find overlaps of the hand with supports and with itself: one serious finding for each."""
+    for kind, (deepest, words) in _deepest_by_kind(overlaps).items():
         on_support = kind is BodyKind.SUPPORT
         yield Finding(
             FindingCode.HAND_THROUGH_SUPPORT if on_support else FindingCode.HAND_THROUGH_ITSELF,
@@ -133,17 +133,17 @@ def _serious(overlaps: Iterable[Overlap]) -> Iterator[Finding]:
         )
 
 
-def _deepest(overlaps: Iterable[Overlap]) -> dict[BodyKind, tuple[Overlap, str]]:
-    """Return the deepest overlap with supports and of links, each in words with the others."""
+def _deepest_by_kind(overlaps: Iterable[Overlap]) -> dict[BodyKind, tuple[Overlap, str]]:
+    """Return the deepest overlap with supports and the one of links, with a text on all of them."""
     by_kind: dict[BodyKind, list[Overlap]] = {}
-    for one in overlaps:
-        by_kind.setdefault(one.kind, []).append(one)
+    for overlap in overlaps:
+        by_kind.setdefault(overlap.kind, []).append(overlap)
     summaries = {}
-    for kind, own in by_kind.items():
-        deepest = max(own, key=lambda one: one.depth)
-        pairs = "pair" if len(own) == 2 else "pairs"
-        more = f", and {len(own) - 1} more {pairs} less deep" if len(own) > 1 else ""
-        summaries[kind] = deepest, f"{deepest}{more}"
+    for kind, same_kind in by_kind.items():
+        deepest = max(same_kind, key=lambda overlap: overlap.depth)
+        pairs = "pair" if len(same_kind) == 2 else "pairs"
+        others = f", and {len(same_kind) - 1} more {pairs} less deep" if len(same_kind) > 1 else ""
+        summaries[kind] = deepest, f"{deepest}{others}"
     return summaries
 
 
@@ -157,59 +157,57 @@ _UNUSED_LIMIT = Finding(
 
 
 def findings_of(scene: SceneFields) -> tuple[Finding, ...]:
-    """Return what is wrong with a scene, the gravest first.
+    """Return all findings on a scene, the gravest first.
 
-    Where the scene has no problem in this state, what would need one is left out: asking for the
-    problem says why.
+    Where the scene has no problem in this state, findings that need it are left out: the error of
+    `Scene.problem` says why.
     """
     with capture() as emitted:
-        found = [*_figures(scene)]
+        own = [*_all_figure_findings(scene)]
         if scene.hand is not None:
-            found += [*_joints(scene.hand), *_overlaps(scene, scene.hand)]
+            own += [*_joint_findings(scene.hand), *_overlap_findings(scene, scene.hand)]
             if scene.hybrid_force_limit is not None and not scene.hand.control.hybrid_fingers:
-                found.append(_UNUSED_LIMIT)
-            found += _compensated_weight(scene.hand) if scene.count_own_weight else ()
-        found += [*_touching(scene), *stated_contact_findings(scene)]
-    of_hand = () if scene.hand is None else scene.hand.findings
-    return causes_first([*scene.load_findings, *of_hand, *_placed(scene, found), *emitted])
+                own.append(_UNUSED_LIMIT)
+            own += _gravcomp_findings(scene.hand) if scene.count_own_weight else ()
+        own += [*_touch_findings(scene), *stated_contact_findings(scene)]
+    hand_findings = () if scene.hand is None else scene.hand.findings
+    return causes_first([*scene.load_findings, *hand_findings, *_with_places(scene, own), *emitted])
 
 
-def _placed(scene: SceneFields, found: Iterable[Finding]) -> Iterable[Finding]:
-    """Return findings with their places in the scene's file."""
+def _with_places(scene: SceneFields, found: Iterable[Finding]) -> Iterable[Finding]:
+    """Return findings with their places in the scene's file filled in."""
     return found if scene._stated is None else map(scene._stated.placed, found)
 
 
 def figure_findings(scene: SceneFields) -> tuple[Finding, ...]:
-    """Return what is found of the scene's figures alone, wherever its bodies are."""
-    return tuple(_placed(scene, _figures(scene)))
+    """Return the findings on the scene's figures, which do not depend on poses."""
+    return tuple(_with_places(scene, _all_figure_findings(scene)))
 
 
 def unused_figures(options: Mapping[str, Any], stated: StatedFields | None) -> Iterator[Finding]:
-    """Find what a scene asks for that its own algorithm has no use for.
-
-    What is as it would be if it were left out is none.
+    """Find options of a scene that its own algorithm does not use; defaults are accepted.
 
     Args:
-        options: Of the scene.
-        stated: Where they stand.
+        options: The scene's options.
+        stated: The scene's file; None: it came from none.
     """
     algorithm = options.get("algorithm", "margin")
     for key, value in options.items():
-        others = users_of(key, algorithm)
-        if others and value is not None and value != SolveEntry.model_fields[key].default:
-            also = "; graspless-pin place and planning use it as it is" if key == "margin" else ""
-            found = Finding(
+        users = users_of(key, algorithm)
+        if users and value is not None and value != SolveEntry.model_fields[key].default:
+            note = "; graspless-pin place and planning use it as it is" if key == "margin" else ""
+            finding = Finding(
                 FindingCode.UNUSED_OPTION,
                 key,
                 f"{key} is {value}, and the scene's algorithm, {algorithm!r}, does not use it",
-                f"write algorithm: {' or '.join(others)} to have it used, or leave it out{also}",
+                f"write algorithm: {' or '.join(users)} to have it used, or leave it out{note}",
                 ("solve", key),
             )
-            yield found if stated is None else stated.placed(found)
+            yield finding if stated is None else stated.placed(finding)
 
 
-def _figures(scene: SceneFields) -> Iterator[Finding]:
-    """Find figures that look like another unit or a placeholder."""
+def _all_figure_findings(scene: SceneFields) -> Iterator[Finding]:
+    """Find figures that are probably in another unit, or placeholders."""
     target, gravity = scene.object, float(np.linalg.norm(scene.gravity))
     yield from unit_findings(target, beside_hand=scene.hand is not None)
     lengths = {key: getattr(scene, key) for key in ("contact_tolerance", "max_penetration")}
@@ -227,7 +225,7 @@ def _figures(scene: SceneFields) -> Iterator[Finding]:
             + likely_lengths(center, np.maximum(-lowest, highest)),
             ("object", "center_of_mass"),
         )
-    yield from _loads(scene, max(gravity, _LEAST_GRAVITY) * target.mass, (lowest, highest))
+    yield from _load_findings(scene, max(gravity, _LEAST_GRAVITY) * target.mass, (lowest, highest))
     if gravity > _STRONGEST_GRAVITY:
         yield Finding(
             FindingCode.UNLIKELY_GRAVITY,
@@ -274,51 +272,51 @@ def _figures(scene: SceneFields) -> Iterator[Finding]:
         )
 
 
-def _loads(
+def _load_findings(
     scene: SceneFields, weight: float, box: tuple[FloatArray, FloatArray]
 ) -> Iterator[Finding]:
     """Find loads that are many times the object's weight, or act far from it.
 
     Args:
         scene: The scene.
-        weight: Of its object, N.
-        box: The lowest and the highest corner of the box around it, its own axes, m.
+        weight: Weight of its object, N.
+        box: Lowest and highest corner of the box around the object, in its axes, m.
     """
     target = scene.object
     for index, load in enumerate(scene.loads):
         force = float(np.linalg.norm(load.force))
-        for name, figure, unit, of, most in (
+        for name, figure, unit, reference, largest in (
             ("mass", load.mass, "kg", "mass", _HEAVIEST_LOAD * target.mass),
             ("force", force, "N", "weight", _HEAVIEST_LOAD * weight),
         ):
-            if figure > most:
+            if figure > largest:
                 yield Finding(
                     FindingCode.UNLIKELY_LOAD,
                     load.name,
                     f"the {name} of load '{load.name}', {figure:g} {unit}, is "
-                    f"{_HEAVIEST_LOAD * figure / most:.3g} times the {of} of object "
+                    f"{_HEAVIEST_LOAD * figure / largest:.3g} times the {reference} of object "
                     f"'{target.name}'",
                     f"give it in {unit}",
                     ("loads", index, name),
                 )
         lowest, highest = box
-        at = target.center_of_mass if load.at is None else load.at
-        away = float(np.maximum(lowest - at, at - highest).max())
-        if away > float((highest - lowest).max()):
+        point = target.center_of_mass if load.at is None else load.at
+        distance = float(np.maximum(lowest - point, point - highest).max())
+        if distance > float((highest - lowest).max()):
             yield Finding(
                 FindingCode.UNLIKELY_LOAD,
                 load.name,
-                f"load '{load.name}' acts {away:.3g} m outside the box around object "
+                f"load '{load.name}' acts {distance:.3g} m outside the box around object "
                 f"'{target.name}'",
                 "give 'at' in the object's own frame, in metres",
                 ("loads", index, "at"),
             )
 
 
-def _joints(hand: Hand) -> Iterator[Finding]:
-    """Find joint angles in degrees, and stated limits that are none."""
-    turning = np.array([kind != "prismatic" for kind in hand.tree.joint_kinds], dtype=bool)
-    for index in np.flatnonzero((np.abs(hand.positions) > MOST_ANGLE) & turning):
+def _joint_findings(hand: Hand) -> Iterator[Finding]:
+    """Find joint angles in degrees, and effort limits that are placeholders."""
+    is_revolute = np.array([kind != "prismatic" for kind in hand.tree.joint_kinds], dtype=bool)
+    for index in np.flatnonzero((np.abs(hand.positions) > MOST_ANGLE) & is_revolute):
         name, angle = hand.joint_names[index], float(hand.positions[index])
         yield Finding(
             FindingCode.ANGLE_IN_DEGREES,
@@ -330,9 +328,9 @@ def _joints(hand: Hand) -> Iterator[Finding]:
         )
     declared = {
         name
-        for one in hand.findings
-        if one.code in (FindingCode.PLACEHOLDER_EFFORT, FindingCode.UNKNOWN_EFFORT)
-        for name in one.subject.split(", ")
+        for finding in hand.findings
+        if finding.code in (FindingCode.PLACEHOLDER_EFFORT, FindingCode.UNKNOWN_EFFORT)
+        for name in finding.subject.split(", ")
     }
     placeholders = {
         name: limit_words(name, upper)
@@ -351,8 +349,8 @@ def _joints(hand: Hand) -> Iterator[Finding]:
         )
 
 
-def _compensated_weight(hand: Hand) -> Iterator[Finding]:
-    """Find links whose weight an MJCF takes off the joints, where the links' weight counts."""
+def _gravcomp_findings(hand: Hand) -> Iterator[Finding]:
+    """Find links whose weight an MJCF compensates (gravcomp), where the links' weight counts."""
     if names := hand.tree.borne_links:
         yield Finding(
             FindingCode.LEFT_OUT_OF_MJCF,
@@ -365,25 +363,25 @@ def _compensated_weight(hand: Hand) -> Iterator[Finding]:
         )
 
 
-def _overlaps(scene: SceneFields, hand: Hand) -> Iterator[Finding]:
-    """Find where the hand is in itself or in a support; not all is so deep that it is serious."""
-    touching, most = scene.contact_tolerance, scene.max_penetration
-    found = unwanted_overlaps(hand, scene.supports, tolerance=min(touching, most))
-    yield from _serious(one for one in found if one.depth > most)
-    shallow = _deepest(one for one in found if touching < one.depth <= most)
+def _overlap_findings(scene: SceneFields, hand: Hand) -> Iterator[Finding]:
+    """Find overlaps of the hand with itself or supports, serious if beyond max_penetration."""
+    min_depth, max_depth = scene.contact_tolerance, scene.max_penetration
+    found = unwanted_overlaps(hand, scene.supports, tolerance=min(min_depth, max_depth))
+    yield from _serious_overlap_findings(one for one in found if one.depth > max_depth)
+    shallow = _deepest_by_kind(one for one in found if min_depth < one.depth <= max_depth)
     for deepest, words in shallow.values():
         yield Finding(
             FindingCode.DEEP_OVERLAP,
             deepest.link,
             words,
             "move them apart (base_pose, q); nothing pushes back between them, and more than "
-            f"max_penetration ({in_mm(most)}) is serious",
+            f"max_penetration ({in_mm(max_depth)}) is serious",
             ("hand",),
         )
 
 
-def _touching(scene: SceneFields) -> Iterator[Finding]:
-    """Find what should touch and does not, and what touches in a doubtful way."""
+def _touch_findings(scene: SceneFields) -> Iterator[Finding]:
+    """Find missing and doubtful contacts, and contacts that no force-controlled joint moves."""
     try:
         touching = contacts_of(scene).arrays
     except StateError as error:
@@ -398,9 +396,9 @@ def _touching(scene: SceneFields) -> Iterator[Finding]:
         yield from contact_findings(scene, touching)
     if scene.hand is None:
         return
-    off = state_findings(scene, StateChecks(collisions=False))
-    yield from (_with_nearest(scene, one) for one in off)
-    if not off and not problem_of(scene).jacobian.any():
+    hand_findings = state_findings(scene, StateChecks(collisions=False))
+    yield from (_with_nearest_link(scene, finding) for finding in hand_findings)
+    if not hand_findings and not problem_of(scene).jacobian.any():
         yield Finding(
             FindingCode.NO_TORQUE_COUNTS,
             scene.object.name,
@@ -410,23 +408,25 @@ def _touching(scene: SceneFields) -> Iterator[Finding]:
         )
 
 
-def _with_nearest(scene: SceneFields, found: Finding) -> Finding:
-    """Return the finding for a hand without contacts, with the link that is nearest."""
+def _with_nearest_link(scene: SceneFields, finding: Finding) -> Finding:
+    """Return the finding for a hand without contacts, with the nearest link and its distance."""
     hand, pieces = scene.hand, scene.object.placed_bodies
     if hand is None or scene.given_contacts is not None or not len(hand.placed_bodies):
-        return found
+        return finding
     gap, link = min(
         (nearest_separation([body], pieces).distance, body.name) for body in hand.placed_bodies
     )
     away = in_mm(gap) if gap < LARGEST_OBJECT else f"{gap:.3g} m"
-    nearest = replace(found, message=f"{found.message}; the nearest one, '{link}', is {away} away")
+    nearest = replace(
+        finding, message=f"{finding.message}; the nearest one, '{link}', is {away} away"
+    )
     if gap < LARGEST_OBJECT:
         return nearest
     origins = {
         ("object", "pose"): (f"object '{scene.object.name}'", scene.object.T_world_object[:3, 3]),
         ("hand", "base_pose"): ("the hand's base", hand.T_world_base[:3, 3]),
     }
-    key, (what, at) = max(origins.items(), key=lambda one: float(np.linalg.norm(one[1][1])))
+    key, (what, at) = max(origins.items(), key=lambda item: float(np.linalg.norm(item[1][1])))
     stands = f"{what} stands at {np.round(at, 6).tolist()} m"
     longest = np.full(3, LARGEST_OBJECT)
     return replace(

@@ -1,4 +1,4 @@
-"""The scene file's schema: what may stand in a YAML scene, with types, units and bounds.
+"""The schema of YAML scene files: keys with types, units and bounds.
 
 Lengths are metres, angles radians, masses kilograms, torques newton metres. Unknown keys are
 errors, so that a misspelt one is not silently ignored.
@@ -102,7 +102,7 @@ class LoadEntry(Entry):
     )
 
     @model_validator(mode="after")
-    def _is_something(self) -> LoadEntry:
+    def _refuse_empty(self) -> LoadEntry:
         if not self.model_fields_set & {"force", "moment", "mass", "field"}:
             raise ValueError("found none of 'force', 'moment', 'mass' and 'field'; needs one")
         return self
@@ -131,7 +131,7 @@ class AccelerationEntry(Entry):
     )
 
     @model_validator(mode="after")
-    def _is_something(self) -> AccelerationEntry:
+    def _refuse_empty(self) -> AccelerationEntry:
         if self.model_fields_set <= {"of", "at"}:
             raise ValueError(
                 "found only 'of' and 'at'; needs at least one of 'linear', 'angular', "
@@ -144,7 +144,7 @@ _Entry = TypeVar("_Entry", bound=Entry)
 
 
 def with_figures(entry: type[_Entry]) -> type[_Entry]:
-    """Return an entry with one key more for each figure of an objective that it does not have."""
+    """Return an entry class with a key added for each objective's figure that it does not have."""
     further: dict[str, Any] = {
         key: (kind | None, None)
         for key, kind in figure_types().items()
@@ -288,7 +288,7 @@ class UncertaintyEntry(Entry):
 
     @model_validator(mode="before")
     @classmethod
-    def _no_feedback(cls, data: Any) -> Any:
+    def _refuse_feedback_key(cls, data: Any) -> Any:
         if isinstance(data, dict) and "feedback" in data:
             raise ValueError(
                 "found feedback; the stiffness that adds to the torques is that of the scene's key "
@@ -365,7 +365,7 @@ PLAIN_FIGURES = (
     "max_normal_force", "cone_edges", "cone", "contact_tolerance", "max_penetration",
     "points_per_patch",
 )  # fmt: skip
-"""Keys whose values are those of a scene's fields as they are."""
+"""Keys whose values are taken as fields of a scene without conversion."""
 
 
 def scene_json_schema() -> dict[str, Any]:

@@ -141,7 +141,7 @@ def stated_rotation(R: ArrayLike, form: str = "rpy") -> dict[str, Any]:
     return {form: numbers} if form == "quaternion" or any(numbers) else {}
 
 
-def described(mount: Mount) -> RobotDescription:
+def robot_key(mount: Mount) -> RobotDescription:
     """Return a mount's robot with its paths in one form, so that two can be compared."""
     robot = find_robot(mount.source)
     return replace(
