@@ -1,6 +1,6 @@
-"""Verdicts on scenes, and where moving links touch supports: forces that no problem has.
+"""Stability verdicts on scenes, and on the corners of the set of a scene's uncertainty.
 
-And verdicts on the corners of what a scene may be: does its object stay in each of them?
+Contacts of moving links with supports, whose forces are in no problem, make a verdict undecided.
 """
 
 from __future__ import annotations
@@ -51,11 +51,11 @@ _PUSH = "push of a member"
 
 
 def hand_support_contacts(scene: SceneFields) -> tuple[tuple[str, str], ...]:
-    """Return which links that torques or commanded forces can move touch which supports.
+    """Return the contacts of supports with links that torques or commanded forces can move.
 
-    A problem has the contacts of the object alone. What a support does to a link counts against the
-    joints' torques all the same: verdicts on what really happens cannot be had then. Links that
-    stand still, as on joints under position control, may touch what they like.
+    A problem has only the contacts of the object. The force of a support on a link acts on the
+    joints, too, so that no verdict is possible. Fixed links, such as those on joints under position
+    control, may touch supports.
 
     Args:
         scene: The scene.
@@ -66,12 +66,12 @@ def hand_support_contacts(scene: SceneFields) -> tuple[tuple[str, str], ...]:
     """
     if scene.hand is None:
         return ()
-    bodies, moving = scene.hand.placed_bodies, _moving_links(scene.hand)
+    bodies, moving_links = scene.hand.placed_bodies, _moving_links(scene.hand)
     touching = {}
     for support in scene.supports:
         pieces = support.placed_bodies
         for i, k in near_pairs(bodies, pieces, scene.contact_tolerance):
-            if bodies[i].name in moving:
+            if bodies[i].name in moving_links:
                 gap = separation(bodies[i], pieces[k]).distance
                 if gap <= scene.contact_tolerance:
                     touching[bodies[i].name, support.name] = i
@@ -89,79 +89,79 @@ def verdict_of(
 
     Args:
         scene: The scene.
-        torques: (L,) the motors' torques, as solutions give them, N m (N).
-        friction: (M,) coefficients where those of one body's contacts differ; None: the scene's.
+        torques: (L,) motor torques, as in solutions, N m (N).
+        friction: (M,) coefficients, which may differ at contacts of one body; None: the scene's.
         options: Of `stability`.
 
     Raises:
         SceneError: See `Scene.contacts`.
-        ArgumentError: If a link of the fingers has no mass and its motor no inertia.
+        ArgumentError: If a finger link without mass has a motor without inertia.
     """
-    # Loaded here: whoever solves without a verdict goes without the search and its solver.
+    # Imported here: solving without a verdict does not need its search and solver.
     from graspless_pin.holding.stability import stability, undecided_verdict
 
-    problem, why = problem_of(scene), unknown_of(scene)
+    problem, reason = problem_of(scene), unknown_of(scene)
     if friction is not None:
         problem = problem.with_changes(friction=friction)
-    given = motor_torques(problem.joint_names, torques)
-    if why:
-        return known_of_scene(scene, undecided_verdict(problem, given, why, **options))
-    problem = rest_problem(scene, problem, given)
-    return known_of_scene(scene, stability(problem, given, **options))
+    motors = motor_torques(problem.joint_names, torques)
+    if reason:
+        return known_of_scene(scene, undecided_verdict(problem, motors, reason, **options))
+    problem = rest_problem(scene, problem, motors)
+    return known_of_scene(scene, stability(problem, motors, **options))
 
 
 def solution_verdict(
     scene: SceneFields, solution: TorqueSolution, **options: Unpack[StabilityKeywords]
 ) -> StabilityVerdict:
-    """Return the verdict on a solution's torques: its own where they are guaranteed.
+    """Return the verdict on a solution's torques: the solution's own where they are guaranteed.
 
     Args:
         scene: The scene.
-        solution: A solution of it that was found.
-        options: Of `stability`, where it has to be asked.
+        solution: A solution of it with torques.
+        options: Options of `stability`, if it has to be called.
 
     Raises:
         SceneError: See `verdict_of`.
         ArgumentError: See `verdict_of`.
     """
-    known = None if solution.guarantee is None else solution.guarantee.verdict
-    if known is not None:
-        return known_of_scene(scene, known)
+    guaranteed = None if solution.guarantee is None else solution.guarantee.verdict
+    if guaranteed is not None:
+        return known_of_scene(scene, guaranteed)
     return verdict_of(scene, solution.torques, **options)
 
 
 def known_of_scene(scene: SceneFields, verdict: StabilityVerdict) -> StabilityVerdict:
-    """Return a verdict on a scene's problem with what the scene tells beside it.
+    """Return a verdict on a scene's problem, completed by the scene: controller, fingers, rolling.
 
-    Whether rest lasts hangs on how contacts roll, and a joint belongs to a finger.
+    Whether rest lasts depends on how contacts roll, which a problem does not have.
     """
     from graspless_pin.holding.verdict_words import NO_FINGERS, finger_words, strong_words
 
-    # Loaded here: scenes that are solved without a verdict go without.
+    # Imported here: scenes that are solved without a verdict do not need it.
     from graspless_pin.scene.minimum_stiffness import controller_words, small_motions
 
     verdict = replace(
         verdict, controller=controller_words(scene), joints_held=scene.controller.holds_joints
     )
-    small = verdict.small_motions
+    motions = verdict.small_motions
     if verdict.joints_held and verdict.status is Stability.WEAK:
         message = verdict.message.replace("may fail", f"may fail with {verdict.controller}", 1)
         return replace(verdict, message=message)
     fingers = NO_FINGERS if scene.hand is None else fingers_of_motors(scene.hand)
     if verdict.moves is MovingPart.FINGER:
         return replace(verdict, message=finger_words(verdict, fingers))
-    if small is None or verdict.problem.is_sliding.any():
+    if motions is None or verdict.problem.is_sliding.any():
         return verdict
-    if small.unknown:
+    if motions.unknown:
         verdict = replace(verdict, small_motions=small_motions(scene, verdict.torques))
     return replace(verdict, message=strong_words(verdict, fingers))
 
 
 def rest_model_of(scene: SceneFields) -> RestModel:
-    """Return what a scene tells of rest beside its problem, for torques to be guaranteed.
+    """Return the model of rest of a scene, for guaranteed torques.
 
-    Where its controller is stated, rest has to last under it; of a declared motion that is not
-    asked, as nobody knows it.
+    Under a stated controller, rest has to last; with a declared motion this is unknown and not
+    required.
     """
     from graspless_pin.holding.small_motions import RestModel
     from graspless_pin.holding.stability import stability
@@ -180,7 +180,7 @@ def rest_model_of(scene: SceneFields) -> RestModel:
 
 
 def unknown_of(scene: SceneFields) -> str:
-    """Return why no verdict on torques of a scene can be had; empty: one can."""
+    """Return why a scene has no verdict on torques; empty if it can have one."""
     if why := CONE_MODELS[checked_cone(scene.cone)].no_verdict:
         return why
     if scene.controller.holds_joints:
@@ -207,15 +207,15 @@ def _moving_links(hand: Hand) -> set[str]:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class MemberVerdicts(Brief):
-    """Whether an object stays at each corner of a set, under torques that serve all of it.
+    """Verdicts on the corners of a set, under torques that serve the whole set.
 
     Between the corners nothing is proven about rest: members whose forces are means of the corners'
     may move all the same.
 
     Attributes:
-        members: K corners that were asked about.
-        verdicts: On each of them, as on a scene that is changed so.
-        left_out: Corners that were not asked about: the time was over, or one does not hold.
+        members: The K corners with a verdict.
+        verdicts: The verdict on each of them, as on a scene changed to it.
+        left_out: Number of corners without a verdict: the time was over, or another one failed.
 
     Examples:
         >>> from graspless_pin import Uncertainty, load_scene
@@ -233,20 +233,20 @@ class MemberVerdicts(Brief):
 
     @property
     def worst(self) -> int:
-        """Number of a member whose verdict is the worst; `undecided` is worse than `holds` alone.
+        """Index of the first member with the worst verdict.
 
-        Of several with that verdict it is the first.
+        `undecided` is worse than `holds` only.
         """
         return int(np.argmax([_FROM_BEST.index(one.holding) for one in self.verdicts]))
 
     @property
     def holding(self) -> Holding:
-        """The verdict on that member: `holds` where all hold, and none was left out."""
+        """The worst verdict: `holds` if all corners hold and none was left out."""
         holding = self.verdicts[self.worst].holding if self.verdicts else Holding.HOLDS
         return Holding.UNDECIDED if holding is Holding.HOLDS and self.left_out else holding
 
     def __str__(self) -> str:
-        """Return how many corners have which verdict, and what is said of the worst."""
+        """Return a table of the numbers of corners by verdict, and the text of the worst one."""
         unasked = f"{self.left_out} corners were not asked about\n" if self.left_out else ""
         if not self.verdicts:
             return unasked.rstrip()
@@ -272,19 +272,18 @@ def verdicts_of_members(
 ) -> MemberVerdicts:
     """Return a verdict on each corner of a set: see `Scene.stability_of_members`.
 
-    Members with contacts moved are left out.
+    Members with moved contacts are left out.
 
     Args:
-        scene: The nominal scene. Its controller counts, but with feedback the gains of
-            the robust torques.
-        robust: Torques that serve what it may be.
-        time_limit: Seconds for all corners together; None: as long as they take.
-        options: Of `stability`, for each.
+        scene: The nominal scene, with its controller; gains of the robust torques replace its own.
+        robust: The robust solution.
+        time_limit: Seconds for all corners together; None: no limit.
+        options: Options of `stability`, for each.
 
     Raises:
-        ArgumentError: If the torques are of another scene, or none were found.
+        ArgumentError: If the torques are of another scene, or there are none.
     """
-    # Loaded here: what is known exactly goes without.
+    # Imported here: scenes without uncertainty do not need it.
     from graspless_pin.algorithms.robust_solution import RobustSolution
 
     problem = problem_of(scene)
@@ -299,19 +298,19 @@ def verdicts_of_members(
             "robust", "is of another scene: joints or contacts differ; solve this one"
         )
     scene, limits = under_feedback(scene, robust.feedback), Limits.from_now(None, time_limit)
-    members = tuple([one for one in robust.members if one.moved is None])
+    members = tuple([member for member in robust.members if member.moved is None])
     return verdicts_under(scene, members, robust.torques, robust.feedback, limits=limits, **options)
 
 
 def under_feedback(scene: AnyScene, stiffness: FloatArray | None) -> AnyScene:
-    """Return a scene under its controller with other gains (L,), by joint; None: its own."""
+    """Return a scene whose controller has the stiffness (L,) at its joints; None: unchanged."""
     if stiffness is None:
         return scene
     names = problem_of(scene).joint_names
-    known = () if scene.hand is None else scene.hand.actuation.names
+    motors = () if scene.hand is None else scene.hand.actuation.names
     gains = dict(zip(names, stiffness.tolist(), strict=True))
-    own = {name: gain for name, gain in gains.items() if name in known}
-    return scene.with_changes(controller=Controller(own, scene.controller.damping))
+    motor_gains = {name: gain for name, gain in gains.items() if name in motors}
+    return scene.with_changes(controller=Controller(motor_gains, scene.controller.damping))
 
 
 def verdicts_under(
@@ -327,23 +326,23 @@ def verdicts_under(
     """Return verdicts on members under commanded torques, one after the other.
 
     Args:
-        scene: The nominal scene, under the controller that runs.
+        scene: The nominal scene, with the controller that acts.
         members: The members.
-        commanded: (L,) N m (N).
+        commanded: (L,) commanded torques, N m (N).
         stiffness: (L,) joint stiffness that adds to the torques, N m/rad (N/m); None: none.
-        limits: When to stop.
-        until: Tells of a verdict whether to stop after it.
-        options: Of `stability`, for each.
+        limits: Limits of time and nodes.
+        until: Returns whether to stop after a verdict.
+        options: Options of `stability`, for each.
     """
     verdicts: list[StabilityVerdict] = []
     for member in members:
         if limits.passed:
             break
-        changed, friction = scene_of_member(scene, member), member.problem.friction
-        own = replace(member, problem=problem_of(changed).with_changes(friction=friction))
+        variant, friction = scene_of_member(scene, member), member.problem.friction
+        own = replace(member, problem=problem_of(variant).with_changes(friction=friction))
         torques = torques_at_rest(own, commanded, stiffness)
         time_limit = {} if limits.seconds_left is None else {"time_limit": limits.seconds_left}
-        verdicts.append(verdict_of(changed, torques, friction=friction, **time_limit, **options))
+        verdicts.append(verdict_of(variant, torques, friction=friction, **time_limit, **options))
         if until(verdicts[-1]):
             break
     count = len(verdicts)
@@ -351,11 +350,10 @@ def verdicts_under(
 
 
 def scene_of_member(scene: AnyScene, member: Member) -> AnyScene:
-    """Return a scene changed to what a member is: object, gravity, push and friction.
+    """Return a scene changed to a member: object, gravity, push and friction.
 
-    Inertia goes with the mass, about the centre of mass where that is. What acted on the centre of
-    mass still acts at the nominal one. Bodies have one coefficient each: the least of their
-    contacts.
+    The inertia scales with the mass, about the member's centre of mass. Loads at the centre of mass
+    stay at the nominal one. Each body has one coefficient: the least of its contacts.
 
     Args:
         scene: The nominal scene.
@@ -392,24 +390,24 @@ def scene_of_member(scene: AnyScene, member: Member) -> AnyScene:
         for support in changed.supports
     ]
     links = {body: least[body] for body in touching.bodies[: touching.hand_count]}
-    others = {"hand": min(links.values())} if links and changed.hand_material is not None else {}
+    by_group = {"hand": min(links.values())} if links and changed.hand_material is not None else {}
     return changed.with_changes(
-        friction={**others, **changed.friction, **links}, hand_material=None, supports=supports
+        friction={**by_group, **changed.friction, **links}, hand_material=None, supports=supports
     )
 
 
 def torques_at_rest(
     member: Member, commanded: ArrayLike, stiffness: FloatArray | None = None
 ) -> FloatArray:
-    """Return (L,) what joints make in a member under commanded torques, N m (N).
+    """Return the (L,) joint torques in a member under commanded torques, N m (N).
 
-    Joint stiffness adds what the small motion asks for that equilibrium picks, where there are
-    forces for it. Joints that bear no contact force carry their links by it.
+    Joint stiffness adds the torques of the small motion into equilibrium, where contact forces for
+    it exist. At joints that bear no contact force it carries the links.
 
     Args:
         member: The member.
         commanded: (L,) torques, the same for all members, N m (N).
-        stiffness: (L,) of the joints, N m/rad (N/m); None: none.
+        stiffness: (L,) joint stiffness, N m/rad (N/m); None: none.
     """
     problem = member.problem
     given = finite_array("commanded", commanded, (problem.joint_count,))
@@ -417,10 +415,10 @@ def torques_at_rest(
     if stiffness is None:
         return torques
     options = SolveOptions.parse(static_friction=StaticFriction.COULOMB)
-    under = under_commands(member, given, feedback_torques(problem, stiffness))
-    found = solve_problem(under, Margin(), options)
-    if not found.found:
+    commanded_problem = under_commands(member, given, feedback_torques(problem, stiffness))
+    solution = solve_problem(commanded_problem, Margin(), options)
+    if not solution.found:
         return torques
-    balanced = problem.J.T @ found.contact_forces.ravel() + problem.gravity_torques
-    uncoupled = ~problem.jacobian.any(axis=0) & (stiffness == 0.0)
-    return np.where(uncoupled, torques, balanced)
+    balanced = problem.J.T @ solution.contact_forces.ravel() + problem.gravity_torques
+    is_uncoupled = ~problem.jacobian.any(axis=0) & (stiffness == 0.0)
+    return np.where(is_uncoupled, torques, balanced)

@@ -1,4 +1,4 @@
-"""What a scene file says of a scene: plain data with every key that the schema has."""
+"""A scene as data of a scene file: plain data with every key of the schema."""
 
 from __future__ import annotations
 
@@ -31,22 +31,23 @@ ROBOT = (
     "robot", "urdf", "srdf", "package_dirs", "root_link", "visuals_collide", "fingers", "convex",
     "concavity", "decompose_time_limit", "max_pieces",
 )  # fmt: skip
-"""Keys of a mount that tell which robot it is of."""
+"""Keys of a mount that determine its robot."""
 
 
 def stated_scene(scene: SceneFields, path_text: Callable[[Path], str]) -> dict[str, Any]:
-    """Return what a scene file says of a scene, whether or not it is a default.
+    """Return a scene as data of a scene file, defaults included.
 
-    Rotations are matrices, masses are not densities, materials stand once a pair, robots stand
-    under ``hand.mounts``, and joints and limits by joint. What is not there is None.
+    Rotations are matrices, the object has a mass rather than a density, each pair of materials is
+    given once, robots are under ``hand.mounts``, and positions and limits by joint. Missing parts
+    are None.
 
     Args:
         scene: The scene.
-        path_text: Returns how the file names another file.
+        path_text: Returns a path as it is written in the file.
     """
     hand, target, motion, controller = scene.hand, scene.object, scene.motion, scene.controller
-    in_a_word = isinstance(controller.stiffness, str) and controller.damping == DAMPING
-    of_hand = {
+    is_one_value = isinstance(controller.stiffness, str) and controller.damping == DAMPING
+    further_keys = {
         "hybrid_force_limit": scene.hybrid_force_limit,
         "material": scene.hand_material,
         "count_own_weight": scene.count_own_weight,
@@ -54,7 +55,7 @@ def stated_scene(scene: SceneFields, path_text: Callable[[Path], str]) -> dict[s
     stated = {
         "name": scene.name,
         "gravity": scene.gravity,
-        "hand": None if hand is None else stated_hand(hand, path_text) | of_hand,
+        "hand": None if hand is None else stated_hand(hand, path_text) | further_keys,
         "object": {
             "name": target.name,
             "shape": target.shape.stated(path_text),
@@ -62,28 +63,28 @@ def stated_scene(scene: SceneFields, path_text: Callable[[Path], str]) -> dict[s
             "center_of_mass": target.center_of_mass,
             "inertia": target.inertia,
             "material": target.material,
-            "pose": _pose(target.T_world_object),
+            "pose": _pose_data(target.T_world_object),
         },
         "supports": [
             {
                 "name": support.name,
                 "shape": support.shape.stated(path_text),
-                "pose": _pose(support.T_world_support),
+                "pose": _pose_data(support.T_world_support),
                 "friction": support.friction,
-                "velocity": _twist(support.velocity),
+                "velocity": _twist_data(support.velocity),
                 "material": support.material,
             }
             for support in scene.supports
         ],
         "friction": dict(scene.friction),
-        "materials": _materials(scene),
+        "materials": _materials_table(scene),
         "contacts": scene.given_contacts and [vars(one) for one in scene.given_contacts],
         "motion": motion
         and {
-            "object_twist": _twist(motion.object_twist),
+            "object_twist": _twist_data(motion.object_twist),
             "hand": motion.hand
             and {
-                "base_twist": _twist(motion.hand.base_twist),
+                "base_twist": _twist_data(motion.hand.base_twist),
                 "joint_velocities": motion.hand.joint_velocities,
             },
         },
@@ -91,7 +92,7 @@ def stated_scene(scene: SceneFields, path_text: Callable[[Path], str]) -> dict[s
         "acceleration": None if scene.acceleration is None else vars(scene.acceleration),
         **{name: getattr(scene, name) for name in PLAIN_FIGURES},
         "tangent_axes": list(scene.tangent_axes),
-        "controller": controller.stiffness if in_a_word else vars(controller),
+        "controller": controller.stiffness if is_one_value else vars(controller),
         "uncertainty": scene.uncertainty and stated_uncertainty(scene.uncertainty),
         "solve": SolveEntry().model_dump() | dict(scene.solve_options),
     }
@@ -99,14 +100,14 @@ def stated_scene(scene: SceneFields, path_text: Callable[[Path], str]) -> dict[s
 
 
 def stated_hand(hand: Hand, path_text: Callable[[Path], str]) -> dict[str, Any]:
-    """Return what a scene file says of a hand alone: see `stated_scene`."""
+    """Return a hand as data of a scene file: see `stated_scene`."""
     tree, actuation, control = hand.tree, hand.actuation, hand.control
     modes = {name: mode for name, mode in control.joints.items() if mode is not ControlMode.HYBRID}
     armature = tree.armature
     limits = zip(actuation.names, *hand.effort_limits, strict=True)
     return plain(
         {
-            "mounts": [_mount(hand, mount, path_text) for mount in hand.mounts],
+            "mounts": [_mount_data(hand, mount, path_text) for mount in hand.mounts],
             "q": {name: hand.q[name] for name in control.joints},
             "control": modes | dict.fromkeys(control.hybrid_fingers, ControlMode.HYBRID),
             "effort_limits": {
@@ -120,11 +121,11 @@ def stated_hand(hand: Hand, path_text: Callable[[Path], str]) -> dict[str, Any]:
 
 
 def stated_rotation(R: ArrayLike, form: str = "rpy") -> dict[str, Any]:
-    """Return what a scene file says of a rotation.
+    """Return a rotation as data of a scene file.
 
     Args:
-        R: (3, 3).
-        form: One of `ROTATION_FORMS`; where rounding would show, the matrix is taken.
+        R: (3, 3) rotation matrix.
+        form: One of `ROTATION_FORMS`; the matrix is used where rounding would change the rotation.
     """
     matrix = np.asarray(R)
     if form == "matrix":
@@ -133,59 +134,60 @@ def stated_rotation(R: ArrayLike, form: str = "rpy") -> dict[str, Any]:
         numbers = Rotation.from_matrix(matrix).as_quat().tolist()
     else:
         angles = roll_pitch_yaw(matrix)
-        in_file = degrees_of if form == "rpy_deg" else rounded_angle
-        numbers = [in_file(angle) for angle in angles]
-    back = pose_matrix(np.zeros(3), stated_turn({form: numbers})[1])
-    if np.abs(back[:3, :3] - matrix).max() > _SAME_ROTATION:
+        file_angle = degrees_of if form == "rpy_deg" else rounded_angle
+        numbers = [file_angle(angle) for angle in angles]
+    pose = pose_matrix(np.zeros(3), stated_turn({form: numbers})[1])
+    if np.abs(pose[:3, :3] - matrix).max() > _SAME_ROTATION:
         return {"matrix": plain(matrix)}
     return {form: numbers} if form == "quaternion" or any(numbers) else {}
 
 
 def robot_key(mount: Mount) -> RobotDescription:
-    """Return a mount's robot with its paths in one form, so that two can be compared."""
+    """Return a mount's robot with normalised paths, to be compared with others."""
     robot = find_robot(mount.source)
     return replace(
         robot,
-        urdf_path=_one_form(robot.urdf_path),
-        package_dirs=tuple(map(_one_form, robot.package_dirs)),
-        file=None if robot.file is None else _one_form(robot.file),
-        srdf=None if robot.srdf is None else _one_form(robot.srdf),
+        urdf_path=_normalized_path(robot.urdf_path),
+        package_dirs=tuple(map(_normalized_path, robot.package_dirs)),
+        file=None if robot.file is None else _normalized_path(robot.file),
+        srdf=None if robot.srdf is None else _normalized_path(robot.srdf),
     )
 
 
-def _mount(hand: Hand, mount: Mount, path_text: Callable[[Path], str]) -> dict[str, Any]:
+def _mount_data(hand: Hand, mount: Mount, path_text: Callable[[Path], str]) -> dict[str, Any]:
     meshes = mount.meshes
     fingers = mount.fingers
     return {
         "prefix": mount.prefix,
         **dict.fromkeys(ROBOT),
         **stated_robot(find_robot(mount.source), path_text),
-        "base_pose": _pose(hand.base_poses[mount.prefix]),
+        "base_pose": _pose_data(hand.base_poses[mount.prefix]),
         "fingers": None if fingers is None else {name: vars(one) for name, one in fingers.items()},
         **({} if meshes is None else vars(meshes)),
     }
 
 
 def stated_robot(robot: RobotDescription, path_text: Callable[[Path], str]) -> dict[str, Any]:
-    """Return what a scene file says of which robot it is: see `stated_scene`."""
-    own = {"root_link": robot.root_link, "visuals_collide": robot.visuals_collide}
-    loaded = None if robot.file is None else load_robot(robot.file)
-    own = {
-        key: None if value == getattr(loaded, key, False) else value for key, value in own.items()
+    """Return the keys of a scene file that determine a robot: see `stated_scene`."""
+    options = {"root_link": robot.root_link, "visuals_collide": robot.visuals_collide}
+    robot_file = None if robot.file is None else load_robot(robot.file)
+    options = {
+        key: None if value == getattr(robot_file, key, False) else value
+        for key, value in options.items()
     }
-    if robot.srdf is not None and (loaded is None or loaded.srdf != robot.srdf):
-        own["srdf"] = path_text(robot.srdf)
+    if robot.srdf is not None and (robot_file is None or robot_file.srdf != robot.srdf):
+        options["srdf"] = path_text(robot.srdf)
     if robot.file is not None:
         name = robot.file.stem
         is_known = name in robot_names() and load_robot(name).file == robot.file
-        return {"robot": name if is_known else path_text(robot.file)} | own
+        return {"robot": name if is_known else path_text(robot.file)} | options
     if robot.model is not None:
-        return {"robot": robot.model} | own
+        return {"robot": robot.model} | options
     folders = [path_text(folder) for folder in robot.package_dirs]
-    return {"urdf": path_text(robot.urdf_path), "package_dirs": folders or None} | own
+    return {"urdf": path_text(robot.urdf_path), "package_dirs": folders or None} | options
 
 
-def _materials(scene: SceneFields) -> dict[str, dict[str, float]]:
+def _materials_table(scene: SceneFields) -> dict[str, dict[str, float]]:
     table: dict[str, dict[str, float]] = {}
     for pair, value in scene.materials.coefficients.items():
         first, last = min(pair), max(pair)
@@ -193,14 +195,14 @@ def _materials(scene: SceneFields) -> dict[str, dict[str, float]]:
     return table
 
 
-def _pose(T: ArrayLike) -> dict[str, Any]:
+def _pose_data(T: ArrayLike) -> dict[str, Any]:
     T = np.asarray(T)
     return {"position": T[:3, 3], "matrix": T[:3, :3]}
 
 
-def _twist(twist: NDArray[np.float64]) -> dict[str, Any]:
+def _twist_data(twist: NDArray[np.float64]) -> dict[str, Any]:
     return {"linear": twist[:3], "angular": twist[3:]}
 
 
-def _one_form(path: Path) -> Path:
+def _normalized_path(path: Path) -> Path:
     return Path(os.path.normpath(path.absolute()))

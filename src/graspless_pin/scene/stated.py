@@ -1,4 +1,4 @@
-"""What a scene states beside its bodies: loads, accelerations, the motion, and contacts."""
+"""Loads, accelerations, motions and contacts that a scene states."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from graspless_pin.records import Brief, PickledByFields
 
 
 class LoadAxes(StrEnum):
-    """What a load's directions are fixed to. See the example of `Load`."""
+    """Axes of a load's force and moment. See the example of `Load`."""
 
     WORLD = "world"
-    """They stay as the object turns: a cable to something far away, a field."""
+    """Fixed in the world as the object turns: a long cable, a field."""
     OBJECT = "object"
-    """They turn with the object: the reaction of a tool that it carries."""
+    """Turning with the object: the reaction of a tool that it carries."""
 
 
 _ZERO = (0.0, 0.0, 0.0)
@@ -74,22 +74,22 @@ class Load(Brief, PickledByFields):
         """Check the numbers and copy them: see the attributes."""
         if not isinstance(name, str) or not name:
             raise ArgumentError("name", f"is {name!r:.100}; it must be a text, such as 'cable'")
-        of = f"loads.{name}"
+        prefix = f"loads.{name}"
         vars(self).update(
             name=name,
-            force=finite_array(f"{of}.force", force, (3,)),
-            moment=finite_array(f"{of}.moment", moment, (3,)),
-            mass=real_number(f"{of}.mass", mass, 0.0),
-            field=finite_array(f"{of}.field", field, (3,)),
-            at=None if at is None else finite_array(f"{of}.at", at, (3,)),
-            axes=choice(LoadAxes, f"{of}.axes", axes),
+            force=finite_array(f"{prefix}.force", force, (3,)),
+            moment=finite_array(f"{prefix}.moment", moment, (3,)),
+            mass=real_number(f"{prefix}.mass", mass, 0.0),
+            field=finite_array(f"{prefix}.field", field, (3,)),
+            at=None if at is None else finite_array(f"{prefix}.at", at, (3,)),
+            axes=choice(LoadAxes, f"{prefix}.axes", axes),
         )
 
     def __str__(self) -> str:
-        """Return its name and what of it is not zero."""
+        """Return its name and its nonzero parts."""
         of_object = " of the object" if self.axes is LoadAxes.OBJECT else ""
         parts = [
-            f"{name} {_numbers(value)} {unit}{axes}"
+            f"{name} {_vector_text(value)} {unit}{axes}"
             for name, value, unit, axes in (
                 ("force", self.force, "N", of_object),
                 ("moment", self.moment, "N m", of_object),
@@ -98,24 +98,24 @@ class Load(Brief, PickledByFields):
             if value.any()
         ]
         parts += [f"{self.mass:g} kg"] if self.mass else []
-        parts += [] if self.at is None else [f"at {_numbers(self.at)} m"]
+        parts += [] if self.at is None else [f"at {_vector_text(self.at)} m"]
         return f"{self.name}: {', '.join(parts) or 'nothing'}"
 
 
 class Accelerated(StrEnum):
-    """What an acceleration is of. See the example of `Acceleration`."""
+    """What accelerates. See the example of `Acceleration`."""
 
     BASE = "base"
-    """The hand's base: hand, object and supports move as one, but for the hand's own joints."""
+    """The hand's base: hand, object and supports move as one, except for the hand's joints."""
     OBJECT = "object"
-    """The object alone: nothing is asked of the hand's links."""
+    """The object alone: the hand's links have no inertial forces."""
 
 
 @dataclass(frozen=True, eq=False, repr=False, init=False)
 class Acceleration(Brief, PickledByFields):
     """How object and hand accelerate: the moment at which an arm starts, turns or stops.
 
-    The problem is that of rest in a frame that moves along: inertial forces bear on the object and
+    The problem is that of rest in a frame that moves along: inertial forces act on the object and
     its payloads, and where the base or joints accelerate, on the hand's links, too.
 
     Attributes:
@@ -123,13 +123,13 @@ class Acceleration(Brief, PickledByFields):
         angular: (3,) world axes, rad/s^2.
         angular_velocity: (3,) world axes, rad/s.
         at: (3,) world, m; None: the object's centre of mass.
-        joint_velocities: Of independent joints by name, against the base, rad/s or m/s; the others
-            stand still. The object moves as the links that touch it, which have to move as one.
+        joint_velocities: Of independent joints by name, relative to the base, rad/s or m/s; others
+            are zero. The object moves as the links that touch it, which have to move as one.
         joint_accelerations: Likewise, rad/s^2 or m/s^2.
-        of: What it is of.
+        of: What accelerates.
 
     Raises:
-        ArgumentError: If a number is not finite or a shape wrong, or joints are told beside an
+        ArgumentError: If a number is not finite or a shape wrong, or joints are given with an
             object that accelerates alone.
 
     Examples:
@@ -175,9 +175,9 @@ class Acceleration(Brief, PickledByFields):
             )
 
     def __str__(self) -> str:
-        """Return what of it is not zero."""
+        """Return its nonzero parts."""
         parts = [
-            f"{_numbers(value)} {unit}"
+            f"{_vector_text(value)} {unit}"
             for value, unit in (
                 (self.linear, "m/s^2"),
                 (self.angular, "rad/s^2"),
@@ -186,7 +186,7 @@ class Acceleration(Brief, PickledByFields):
             if value.any()
         ]
         parts += [
-            f"joints {kind} {_named(value)}"
+            f"joints {kind} {_by_name_text(value)}"
             for kind, value in (
                 ("move", self.joint_velocities),
                 ("accelerate", self.joint_accelerations),
@@ -197,7 +197,7 @@ class Acceleration(Brief, PickledByFields):
 
     @property
     def is_translation(self) -> bool:
-        """Whether everything that it is of has the same acceleration."""
+        """Whether all accelerated points have the same acceleration."""
         turns = self.angular.any() or self.angular_velocity.any()
         joints = any([*self.joint_velocities.values(), *self.joint_accelerations.values()])
         return not (turns or joints)
@@ -242,7 +242,7 @@ class Motion(PickledByFields):
 
 @dataclass(frozen=True, eq=False)
 class GivenContact(PickledByFields):
-    """A contact that the scene states instead of having it found.
+    """A contact stated by the scene, instead of found from the shapes.
 
     See the example of `load_scene`.
 
@@ -265,7 +265,7 @@ class GivenContact(PickledByFields):
 
 
 def _by_joint(argument: str, given: Mapping[str, float]) -> Mapping[str, float]:
-    """Return finite numbers by joint."""
+    """Return numbers by joint, checked to be finite."""
     if not isinstance(given, Mapping):
         raise ArgumentError(argument, f"is {given!r:.100}; give numbers by joint: {{'elbow': 0.5}}")
     return MappingProxyType(
@@ -273,9 +273,9 @@ def _by_joint(argument: str, given: Mapping[str, float]) -> Mapping[str, float]:
     )
 
 
-def _named(values: Mapping[str, float]) -> str:
+def _by_name_text(values: Mapping[str, float]) -> str:
     return f"[{', '.join(f'{name} {value:.4g}' for name, value in values.items())}]"
 
 
-def _numbers(values: FloatArray) -> str:
+def _vector_text(values: FloatArray) -> str:
     return f"[{', '.join(f'{value:.4g}' for value in values.tolist())}]"

@@ -1,4 +1,4 @@
-"""Torques for what is not known exactly of a scene: its own weight, motors and fingers."""
+"""Torques for a scene's uncertainty, with its weight, motors and fingers."""
 
 from __future__ import annotations
 
@@ -57,25 +57,27 @@ def solve_uncertain(
     feedback: Feedback | None = None,
     mode: SlidingMode | None = None,
 ) -> RobustSolution:
-    """Return torques that serve all that a scene may be: see `Scene.solve`.
+    """Return torques that serve the whole set of a scene's uncertainty: see `Scene.solve`.
 
     Args:
         scene: The nominal scene.
-        objective: What is optimised.
-        options: How.
+        objective: The objective.
+        options: Options of the search.
         uncertainty: The set.
         feedback: See `minimize_torque`; None: the stiffness that the scene's controller states.
-        mode: The one mode for all members.
+        mode: The common mode of all members.
 
     Raises:
-        ArgumentError: See `solve_robust`, and `weight_of`; if the centre of mass may be farther off
-            than the object is large.
+        ArgumentError: See `solve_robust`, `weight_of` and `check_offsets`.
     """
     problem = problem_of(scene)
     if isinstance(uncertainty, Uncertainty):
         check_offsets(scene, uncertainty)
         uncertainty = by_contact_and_joint(scene, problem, uncertainty)
-    known = {**_known_of(scene, problem, feedback), "slopes": _slopes(scene, uncertainty)}
+    known = {
+        **_scene_arguments(scene, problem, feedback),
+        "slopes": _jacobian_slopes(scene, uncertainty),
+    }
 
     def solve_set(
         problem: QuasistaticProblem, objective: Objective, options: SolveOptions
@@ -90,35 +92,35 @@ def solve_uncertain(
             "is sampled, and stability='strong' proves rest at vertices of the set only; leave "
             "out one of the two",
         )
-    return _strong_for_members(scene, objective, options, solve_set)
+    return _strong_torques(scene, objective, options, solve_set)
 
 
 SolveSet = Callable[[QuasistaticProblem, Objective, SolveOptions], RobustSolution]
-"""Finds the best torques for the set about another problem, for another objective."""
+"""Finds the best torques for the set about a given problem, for a given objective."""
 
 
-def _strong_for_members(
+def _strong_torques(
     scene: SceneFields, objective: Objective, options: SolveOptions, solve_set: SolveSet
 ) -> RobustSolution:
-    """Return torques for a set of which rest is the only outcome at each vertex of it.
+    """Return torques for a set under which rest is the only outcome at each corner.
 
-    Guesses, as for one problem: torques for the set that need less of the supports' friction rely
-    on the fingers, whose loads the torques make. Each is judged at the vertices, that one first at
-    which the guess before was not kept. Between them nothing is proven about rest.
+    Candidates are found as for one problem: torques that need less friction at supports rely on the
+    fingers, whose forces the torques determine. Each candidate gets verdicts at the corners, first
+    at the one where the previous candidate failed. Between corners nothing is proven about rest.
 
     Where a controller is stated, or feedback given, rest has to last under it.
 
     Args:
         scene: The nominal scene.
-        objective: What is optimised.
-        options: How; `verdict_nodes` bound each verdict, and `time_limit` the whole call.
+        objective: The objective.
+        options: Options; `verdict_nodes` bound each verdict, and `time_limit` the whole call.
         solve_set: Finds the best torques for the set.
 
     Returns:
-        What was found, with the verdicts in `rest`: with status STRONG, with that of the best
-        torques where these keep rest themselves, or with STRONG_NOT_FOUND.
+        The robust solution, with the verdicts in `rest`. Its status is STRONG, that of the best
+        torques where these keep rest themselves, or STRONG_NOT_FOUND.
     """
-    # Loaded here: verdicts need their own search and solver.
+    # Imported here, as verdicts need their own search and solver.
     from graspless_pin.algorithms.guaranteed_torques import FIRST_NODES, weaker_supports
 
     limits, problem = Limits.of(options), problem_of(scene)
@@ -133,25 +135,25 @@ def _strong_for_members(
         return not verdict.keeps_rest(lasting=lasting)
 
     def verdicts_at_corners(torques: FloatArray, order: list[int], nodes: int) -> RestAtCorners:
-        """Return verdicts in an order of corners, up to the first where rest is lost."""
+        """Return verdicts on corners in an order, up to the first where rest is lost."""
         members = [best.members[number] for number in order]
         found = verdicts_under(
             scene, members, torques, best.feedback, limits=limits, until=is_lost,
             node_limit=min(nodes, options.verdict_nodes),
         )  # fmt: skip
         kept = not found.left_out and not any(map(is_lost, found.verdicts))
-        asked = order[: len(found.verdicts)]
-        return RestAtCorners(tuple(asked), found.verdicts, kept, 0)
+        asked_corners = order[: len(found.verdicts)]
+        return RestAtCorners(tuple(asked_corners), found.verdicts, kept, 0)
 
     order = [*range(len(best.members))]
     tried: list[tuple[FloatArray, RestAtCorners]] = []
 
     def candidates() -> Iterator[tuple[FloatArray, int]]:
-        """Yield torques, and how many nodes a verdict on them may have."""
+        """Yield candidate torques, each with the node limit of its verdicts."""
         yield best.torques, FIRST_NODES
         guesses = weaker_supports(problem, objective) if best.policy is None else ()
-        for weaker, aim in guesses:
-            found = solve_set(weaker, aim, limits.within(options))
+        for weaker_problem, weaker_objective in guesses:
+            found = solve_set(weaker_problem, weaker_objective, limits.within(options))
             if found.found and found.policy is None:
                 yield found.torques, FIRST_NODES
         if options.verdict_nodes > FIRST_NODES:
@@ -162,7 +164,7 @@ def _strong_for_members(
     for torques, nodes in candidates():
         rest = verdicts_at_corners(torques, order, nodes)
         tried.append((torques, rest))
-        solved = _at_torques(best, torques, options, len(tried)) if rest.kept else None
+        solved = _set_at_torques(best, torques, options, len(tried)) if rest.kept else None
         if solved is not None:
             return replace(solved, rest=replace(rest, tried=len(tried)))
         if rest.corners:
@@ -170,19 +172,19 @@ def _strong_for_members(
         if limits.passed:
             break
     rest = max((one for _, one in tried), key=lambda one: len(one.corners))
-    # Without a policy the members that the solution is of stand first.
-    first = 0 if best.policy is None else len(best.policy.corners)
-    members = best.members[first:] + best.members[:first]
-    judged = (*((one - first) % len(members) for one in rest.corners),)
-    rest = replace(rest, kept=False, tried=len(tried), corners=judged)
-    none = without_forces(best.solution, Status.STRONG_NOT_FOUND)
-    return replace(best, solution=none, policy=None, members=members, rest=rest)
+    # Without a policy the members of the solution come first.
+    offset = 0 if best.policy is None else len(best.policy.corners)
+    members = best.members[offset:] + best.members[:offset]
+    corners = (*((one - offset) % len(members) for one in rest.corners),)
+    rest = replace(rest, kept=False, tried=len(tried), corners=corners)
+    unsolved = without_forces(best.solution, Status.STRONG_NOT_FOUND)
+    return replace(best, solution=unsolved, policy=None, members=members, rest=rest)
 
 
-def _at_torques(
+def _set_at_torques(
     best: RobustSolution, torques: FloatArray, options: SolveOptions, tried: int
 ) -> RobustSolution | None:
-    """Return the whole set under torques, with the best's bound; None: they do not serve it."""
+    """Return the robust solution under given torques; None if they do not serve the set."""
     from graspless_pin.algorithms.guaranteed_torques import bounded_by
 
     if torques is best.torques or np.array_equal(torques, best.torques):
@@ -191,10 +193,10 @@ def _at_torques(
     commands = torques
     if best.feedback is not None:
         directions = feedback_torques(best.members[0].problem, best.feedback)
-        made = [torques_at_rest(one, torques, best.feedback) for one in best.members]
+        joint_torques = [torques_at_rest(one, torques, best.feedback) for one in best.members]
         commands = np.concatenate(
             [(one - member.offsets) / member.factors
-             for one, member in zip(made, best.members, strict=True)]
+             for one, member in zip(joint_torques, best.members, strict=True)]
         )  # fmt: skip
     whole: TorqueSolution = best.solution
     if len(best.joined_members) < len(best.members):
@@ -206,20 +208,20 @@ def _at_torques(
         return None
     solution = bounded_by(whole, replace(fixed, objective=objective))
     gap = abs(whole.value - solution.value)
-    guarantee = Guarantee(None, whole.value, gap, tried)  # verdicts are of members
+    guarantee = Guarantee(None, whole.value, gap, tried)  # no verdict: there is one for each member
     return replace(best, solution=replace(solution, status=Status.STRONG, guarantee=guarantee))
 
 
-def _known_of(
+def _scene_arguments(
     scene: SceneFields, problem: QuasistaticProblem, feedback: Feedback | None = None
 ) -> dict[str, Any]:
-    """Return weight, feedback and fingers, as `solve_robust` and `tolerances` take them.
+    """Return weight, feedback and fingers as arguments of `solve_robust` and `tolerances`.
 
-    Feedback that is not given is the scene's controller, if that states a stiffness.
+    The default of feedback is the scene's controller, if that states a stiffness.
     """
-    own = scene.controller
-    if feedback is None and own.is_stated and not own.holds_joints:
-        feedback = own
+    controller = scene.controller
+    if feedback is None and controller.is_stated and not controller.holds_joints:
+        feedback = controller
     return {
         "weight": weight_of(scene, problem.joint_count),
         "feedback": feedback,
@@ -227,39 +229,42 @@ def _known_of(
     }
 
 
-def _slopes(scene: SceneFields, uncertainty: Uncertainty) -> FloatArray | None:
-    """Return what the Jacobian gains where contacts are moved: see `moved_members`."""
+def _jacobian_slopes(scene: SceneFields, uncertainty: Uncertainty) -> FloatArray | None:
+    """Return the change of J as contacts move by 1 m along each axis: see `moved_members`."""
     if not isinstance(uncertainty, Uncertainty) or not any(
         figures_in(uncertainty.contact_position)
     ):
         return None
     state = jointed_contacts(scene)
     touching, jacobian = state.contacts.arrays, state.joints.jacobian
-    # Points move as their body does: the Jacobian is linear in where they are.
-    moved = [replace(touching, positions=touching.positions + along) for along in np.eye(3)]
-    return np.array([joint_columns(scene.hand, one).jacobian - jacobian for one in moved])
+    # The Jacobian is linear in the positions of points on rigid links.
+    shifted = [replace(touching, positions=touching.positions + axis) for axis in np.eye(3)]
+    return np.array([joint_columns(scene.hand, one).jacobian - jacobian for one in shifted])
 
 
 def corners_in(
     scene: SceneFields, uncertainty: Uncertainty
 ) -> tuple[tuple[Member, ...], FloatArray | None]:
-    """Return the corners of a set without balls, and what a scene's controller adds to commands.
+    """Return the corners of a set without balls, and the joint stiffness of the controller.
 
     Args:
         scene: The nominal scene.
         uncertainty: The set.
     """
     problem = problem_of(scene)
-    figures, known = by_contact_and_joint(scene, problem, uncertainty), _known_of(scene, problem)
+    figures, known = (
+        by_contact_and_joint(scene, problem, uncertainty),
+        _scene_arguments(scene, problem),
+    )
     stiffness = joint_stiffness(problem, known["feedback"], known["fingers"])
     return corners_of(problem, figures, known["weight"], stiffness)
 
 
 def stated_by(scene: SceneFields) -> Uncertainty:
-    """Return what a scene says that is not known exactly.
+    """Return the uncertainty that a scene states.
 
     Raises:
-        ArgumentError: If it says nothing.
+        ArgumentError: If it states none.
     """
     if scene.uncertainty is None:
         raise ArgumentError(
@@ -276,7 +281,7 @@ def tolerances_of(
     feedback: Feedback | None = None,
     **options: Any,
 ) -> Tolerances:
-    """Return how far each thing may be off: see `Scene.tolerances`.
+    """Return the tolerances of motor torques: see `Scene.tolerances`.
 
     Args:
         scene: The nominal scene.
@@ -290,18 +295,18 @@ def tolerances_of(
     """
     problem = problem_of(scene)
     given = motor_torques(problem.joint_names, torques)
-    return tolerances(problem, given, **_known_of(scene, problem, feedback), **options)
+    return tolerances(problem, given, **_scene_arguments(scene, problem, feedback), **options)
 
 
 def check_offsets(scene: SceneFields, uncertainty: Uncertainty) -> None:
     """Refuse offsets of the centre of mass or of contacts that are larger than the object.
 
     Raises:
-        ArgumentError: It may.
+        ArgumentError: If one is larger.
     """
     lowest, highest = box_around(scene.object)
     size = highest - lowest
-    off = uncertainty.center_of_mass + uncertainty.center_of_mass_radius
+    offset = uncertainty.center_of_mass + uncertainty.center_of_mass_radius
     farthest = max(figures_in(uncertainty.contact_position), default=0.0)
     if farthest > size.max():
         raise ArgumentError(
@@ -309,25 +314,25 @@ def check_offsets(scene: SceneFields, uncertainty: Uncertainty) -> None:
             f"contact_position may be off by {farthest:g} m, and object {scene.object.name!r} is "
             f"{size.max():.4g} m large; give metres",
         )
-    if (off > size).any():
-        axis = int(np.argmax(off / size))
+    if (offset > size).any():
+        axis = int(np.argmax(offset / size))
         raise ArgumentError(
             "uncertainty",
-            f"center_of_mass may be off by {off[axis]:g} m along {'xyz'[axis]}, and object "
+            f"center_of_mass may be off by {offset[axis]:g} m along {'xyz'[axis]}, and object "
             f"{scene.object.name!r} is {size[axis]:.4g} m large there; give metres"
-            f"{likely_lengths(off, size)}",
+            f"{likely_lengths(offset, size)}",
         )
 
 
-def weight_of(scene: SceneFields, links: int) -> Weight:
-    """Return which part of a scene's load and torques is weight, for what is uncertain of it.
+def weight_of(scene: SceneFields, joint_count: int) -> Weight:
+    """Return the weights in a scene's load and torques, which an uncertainty changes.
 
     Args:
         scene: The scene.
-        links: L, the number of its problem's joints.
+        joint_count: L, the number of its problem's joints.
 
     Raises:
-        ArgumentError: If something turns as it accelerates: then mass is not all that counts.
+        ArgumentError: If the object turns as it moves: then its inertia would count, too.
     """
     target, size = scene.object, float(np.linalg.norm(scene.gravity))
     motion = object_motion(scene)
@@ -337,15 +342,15 @@ def weight_of(scene: SceneFields, links: int) -> Weight:
         )
     fields = sum((load.field for load in scene.loads), np.zeros(3))
     steady = target.mass * (fields - motion.acceleration[:3])
-    payloads = [one for one in acting_forces(scene, STILL) if one.of_gravity]
-    other = sum(
-        (np.linalg.norm(one.force) * wrench_map(one.lever[None]) for one in payloads),
+    payloads = [payload for payload in acting_forces(scene, STILL) if payload.of_gravity]
+    payload_map = sum(
+        (np.linalg.norm(payload.force) * wrench_map(payload.lever[None]) for payload in payloads),
         np.zeros((6, 3)),
     )
-    carried = np.zeros((links, 3))
+    carried = np.zeros((joint_count, 3))
     if scene.hand is not None and scene.count_own_weight:
-        own = np.array([scene.hand.gravity_torques(size * axis) for axis in np.eye(3)]).T
-        carried[: len(own)] = own
+        link_torques = np.array([scene.hand.gravity_torques(size * axis) for axis in np.eye(3)]).T
+        carried[: len(link_torques)] = link_torques
     axes = target.T_world_object[:3, :3]
     force = target.mass * scene.gravity
-    return Weight(force, steady, np.zeros(3), axes, other, carried, target.mass)
+    return Weight(force, steady, np.zeros(3), axes, payload_map, carried, target.mass)

@@ -1,4 +1,4 @@
-"""What a scene says that is not known exactly of it: by the names of bodies, joints and fingers."""
+"""Figures of a scene's uncertainty by the names of bodies, materials, joints and fingers."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def check_uncertain_names(
     materials: Sequence[str],
     object_name: str,
 ) -> None:
-    """Refuse figures of what a scene does not have.
+    """Refuse figures for names that a scene does not have.
 
     Args:
         uncertainty: The figures.
@@ -45,7 +45,7 @@ def check_uncertain_names(
 
 
 def check_names_in(scene: SceneFields, uncertainty: Uncertainty) -> None:
-    """Refuse figures of what a scene does not have: see `check_uncertain_names`."""
+    """Refuse figures for names that a scene does not have: see `check_uncertain_names`."""
     supports, materials = [one.name for one in scene.supports], scene.materials.names
     check_uncertain_names(uncertainty, scene.hand, supports, materials, scene.object.name)
 
@@ -53,35 +53,36 @@ def check_names_in(scene: SceneFields, uncertainty: Uncertainty) -> None:
 def by_contact_and_joint(
     scene: SceneFields, problem: QuasistaticProblem, uncertainty: Uncertainty
 ) -> Uncertainty:
-    """Return a set with figures for the contacts and joints of a scene's problem, in their order.
+    """Return an uncertainty with a figure for each contact and joint of a scene's problem.
 
     Raises:
-        ArgumentError: If it names what is not there.
+        ArgumentError: If it has figures for unknown names.
     """
     check_names_in(scene, uncertainty)
     fingers = {} if scene.hand is None else fingers_of_motors(scene.hand)
-    surfaces = _surfaces(scene)
-    own = {
-        name: _of_each(getattr(uncertainty, name), surfaces)
+    surfaces = _contact_names(scene)
+    figures = {
+        name: _figure_of_each(getattr(uncertainty, name), surfaces)
         for name in ("friction", "contact_position")
     }
     for name in ("torque", "torque_offset", "effort"):
         joints = ((joint, fingers.get(joint, "")) for joint in problem.joint_names)
-        own[name] = _of_each(getattr(uncertainty, name), joints)
-    return Uncertainty(**{**vars(uncertainty), **own})
+        figures[name] = _figure_of_each(getattr(uncertainty, name), joints)
+    return Uncertainty(**{**vars(uncertainty), **figures})
 
 
 def unused_surfaces(scene: SceneFields) -> Iterator[Finding]:
-    """Find figures of friction or place for bodies or materials of no contact."""
-    surfaces = _surfaces(scene)
+    """Find figures of friction or contact position for bodies or materials without contact."""
+    surfaces = _contact_names(scene)
     touching = {name for own in surfaces for name in own} | {DEFAULT_GAIN}
     for key in ("friction", "contact_position"):
         figures = getattr(scene.uncertainty, key, None)
-        unused = [name for name in _by_name(figures) if name not in touching]
+        unused = [name for name in _figures_by_name(figures) if name not in touching]
         if unused:
             bodies = ", ".join(dict.fromkeys(f"'{own[0]}'" for own in surfaces))
             names = [
-                " on ".join(sorted(one)) if isinstance(one, frozenset) else one for one in unused
+                " on ".join(sorted(pair)) if isinstance(pair, frozenset) else pair
+                for pair in unused
             ]
             yield Finding(
                 FindingCode.UNUSED_OPTION,
@@ -92,19 +93,19 @@ def unused_surfaces(scene: SceneFields) -> Iterator[Finding]:
             )
 
 
-def _surfaces(scene: SceneFields) -> list[tuple[Pair | str, ...]]:
-    """Return the names that figures of each contact may go by, the closest first."""
+def _contact_names(scene: SceneFields) -> list[tuple[Pair | str, ...]]:
+    """Return the names under which figures of each contact are looked up, the closest first."""
     touching = contacts_of(scene).arrays
     groups = ["hand"] * touching.hand_count
     groups += ["supports"] * (len(touching.bodies) - len(groups))
     return [
-        (body, *_materials_of(scene, body), group)
+        (body, *_contact_materials(scene, body), group)
         for body, group in zip(touching.bodies, groups, strict=True)
     ]
 
 
-def _materials_of(scene: SceneFields, body: str) -> tuple[Pair | str, ...]:
-    """Return the pair of materials that a contact's coefficient is of, and both materials."""
+def _contact_materials(scene: SceneFields, body: str) -> tuple[Pair | str, ...]:
+    """Return the pair of materials at a contact and both of them; empty if they are not used."""
     support = next((one for one in scene.supports if one.name == body), None)
     own, of_object = scene.hand_material, scene.object.material
     if support is not None:
@@ -112,34 +113,36 @@ def _materials_of(scene: SceneFields, body: str) -> tuple[Pair | str, ...]:
     return () if own is None or of_object is None else (Pair((own, of_object)), own, of_object)
 
 
-def _of_each(figures: PairFigures, names: Iterable[Sequence[Pair | str]]) -> FloatArray:
-    """Return the figure of each thing by the first of its names that has one, or the default's."""
+def _figure_of_each(figures: PairFigures, names: Iterable[Sequence[Pair | str]]) -> FloatArray:
+    """Return the figure of each item by the first of its names that has one, else the default."""
     if not isinstance(figures, Mapping):
         return figures
-    known = _by_name(figures)
-    rest = known.get(DEFAULT_GAIN, 0.0)
-    return np.array([next((known[one] for one in own if one in known), rest) for own in names])
+    by_name = _figures_by_name(figures)
+    default = by_name.get(DEFAULT_GAIN, 0.0)
+    return np.array(
+        [next((by_name[one] for one in own if one in by_name), default) for own in names]
+    )
 
 
-def _by_name(figures: PairFigures | None) -> dict[Pair | str, float]:
-    """Return figures by the name of a thing, or by the pair of materials."""
-    known: dict[Pair | str, float] = {}
+def _figures_by_name(figures: PairFigures | None) -> dict[Pair | str, float]:
+    """Return figures by name, or by pair of materials."""
+    by_name: dict[Pair | str, float] = {}
     for name, figure in figures.items() if isinstance(figures, Mapping) else ():
         if isinstance(figure, Mapping):
-            known |= {Pair((name, other)): one for other, one in figure.items()}
+            by_name |= {Pair((name, other)): pair_figure for other, pair_figure in figure.items()}
         else:
-            known[name] = figure
-    return known
+            by_name[name] = figure
+    return by_name
 
 
 def stated_uncertainty(uncertainty: Uncertainty) -> dict[str, Any]:
-    """Return what a scene file says of a set; None stands for what is known exactly."""
-    stated = {name: _stated(value) for name, value in vars(uncertainty).items()}
-    nothing = all(value is None for value in stated.values())
-    return stated | {"mass": 0.0} if nothing else stated
+    """Return an uncertainty as data of a scene file; None stands for zero figures."""
+    stated = {name: _stated_figures(value) for name, value in vars(uncertainty).items()}
+    is_empty = all(value is None for value in stated.values())
+    return stated | {"mass": 0.0} if is_empty else stated
 
 
-def _stated(figures: float | PairFigures) -> Any:
+def _stated_figures(figures: float | PairFigures) -> Any:
     if isinstance(figures, Mapping):
         return figures[DEFAULT_GAIN] if figures.keys() == {DEFAULT_GAIN} else dict(figures) or None
     values = np.unique(figures)

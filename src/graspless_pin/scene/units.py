@@ -1,4 +1,4 @@
-"""Units: what a key of a scene may be measured in, and what figures with a unit are in SI."""
+"""Units of scene keys, and conversion of figures with a unit to SI."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from graspless_pin.geometry.bodies.shapes import SHAPES
 from graspless_pin.intake.yaml_source import FIGURE, Location
 
 ANY = ""
-"""The kind of a key that has no unit."""
+"""The kind of a key without a unit."""
 
 
 @dataclass(frozen=True)
@@ -22,9 +22,9 @@ class Unit:
     """A unit.
 
     Attributes:
-        name: As it stands in a study file.
-        kind: What it measures.
-        factor: SI units in one of it.
+        name: Its name in study files.
+        kind: The quantity that it measures.
+        factor: Its size in SI units.
     """
 
     name: str
@@ -33,7 +33,7 @@ class Unit:
 
     @property
     def suffix(self) -> str:
-        """What follows the name in a column, e.g. ``_deg``; empty without a unit."""
+        """Suffix of the name of a column, e.g. ``_deg``; empty without a unit."""
         return f"_{self.name.replace('^', '').replace('/', '_per_')}" if self.kind else ""
 
 
@@ -97,12 +97,12 @@ _OF_UNCERTAINTY = {
     "contact_position": ("length",),
 }  # fmt: skip
 _OFFSETS = {"mass": "mass_offset", "torque": "torque_offset"}
-"""Of what may be off by a share: the key of how far it may be off in SI units."""
+"""Keys of absolute deviations (SI) by key of the relative one."""
 _OF_ACCELERATIONS = {"linear": ("acceleration",), "angular": ("angular acceleration",)}
 
 
 def kinds_of(location: Location) -> tuple[str, ...]:
-    """Return what a scene key may be measured in: several kinds where the joint's type decides."""
+    """Return the kinds of quantity of a scene key: several where the type of joint decides."""
     for part in reversed(location):
         if location[0] == "acceleration" and part in _OF_ACCELERATIONS:
             return _OF_ACCELERATIONS[str(part)]
@@ -116,11 +116,11 @@ def kinds_of(location: Location) -> tuple[str, ...]:
 
 
 def offset_key(location: Location, unit: Unit | None) -> str | None:
-    """Return the key of how far something may be off in a unit, where that of a share is given.
+    """Return the key of an absolute deviation where that of a relative one has a value with unit.
 
     Args:
-        location: The key that is given.
-        unit: Such as kg.
+        location: The given key.
+        unit: The unit of its value, such as kg.
     """
     key = _OFFSETS.get(str(location[1])) if location[0] == "uncertainty" and location[1:] else None
     if key is None or unit is None or unit.kind not in kinds_of(("uncertainty", key)):
@@ -149,25 +149,25 @@ _FURTHER = {
 }
 
 
-def si_advice(found: str, location: Location) -> str:
-    """Return what to write instead of a text that is a figure; empty if it is none.
+def si_advice(text: str, location: Location) -> str:
+    """Return advice on what to write instead of a text that is a figure; empty for other texts.
 
     Args:
-        found: What stands at a key that takes a number, or several.
+        text: The text at a key that takes one number or several.
         location: The key.
     """
-    figure = FIGURE.fullmatch(found)
+    figure = FIGURE.fullmatch(text)
     if figure is None:
         return ""
-    value, written = float(figure[1].replace(",", ".")), figure[2]
+    value, unit_text = float(figure[1].replace(",", ".")), figure[2]
     if _THOUSANDS.fullmatch(figure[1]):
-        unit = f" {written}" if written else ""
+        unit = f" {unit_text}" if unit_text else ""
         return f"; write {value * 1000.0:.12g}{unit} or {value:.12g}{unit}, without the comma"
-    if location == ("gravity",) and written is None:
+    if location == ("gravity",) and unit_text is None:
         return f"; with z upward write [0, 0, {0.0 - abs(value):.12g}]"
-    if written is None:  # with a point it is read as the figure that it is
+    if unit_text is None:  # with a decimal point it is a number
         return f"; write {value:.12g}" if "," in figure[1] else ""
-    name = re.sub(r"[\s*·]", "", written).replace("µ", "u").replace("²", "2").replace("³", "3")
+    name = re.sub(r"[\s*·]", "", unit_text).replace("µ", "u").replace("²", "2").replace("³", "3")
     name = re.sub(r"(?<=[ms])(?=[23]$)", "^", name)
     name = _SPELLINGS.get(name, name)
     unit = UNITS.get(name) or _FURTHER.get(name)
@@ -181,57 +181,57 @@ def si_advice(found: str, location: Location) -> str:
         kinds = ("angle",)
     wanted = " or ".join("deg" if in_degrees else SI_UNITS[kind].name for kind in kinds if kind)
     if unit is None or (unit.kind not in kinds and kinds != (ANY,)):
-        meant = wanted and f" ({wanted})"
-        return f"; figures stand alone, without {written!r}: units are SI{meant}"
+        expected = wanted and f" ({wanted})"
+        return f"; figures stand alone, without {unit_text!r}: units are SI{expected}"
     value *= unit.factor * (180.0 / np.pi if in_degrees else 1.0)
     si = "deg" if in_degrees else unit.kind and SI_UNITS[unit.kind].name
     named = f" ({si})" if si and si != name else ""
-    return f"; write {value:.12g}{named}, without {written!r}: units are SI"
+    return f"; write {value:.12g}{named}, without {unit_text!r}: units are SI"
 
 
 IN_DEGREES = {"rpy_deg": "rpy", "q_deg": "q"}
-"""What a key in degrees is called in radians."""
+"""Keys in radians by key in degrees."""
 
 
 def in_radians(data: Any) -> Any:
-    """Return a copy of a file's data without keys in degrees."""
+    """Return a copy of a file's data with keys in degrees converted to radians."""
     if isinstance(data, list):
         return [in_radians(item) for item in data]
     if not isinstance(data, dict):
         return data
-    there = {name: in_radians(item) for name, item in data.items() if name not in IN_DEGREES}
+    converted = {name: in_radians(item) for name, item in data.items() if name not in IN_DEGREES}
     if data.get("rpy_deg") is not None:
-        there["rpy"] = [math.radians(angle) for angle in data["rpy_deg"]]
+        converted["rpy"] = [math.radians(angle) for angle in data["rpy_deg"]]
     if data.get("q_deg"):
-        there["q"] = merged_angles(data.get("q"), data["q_deg"])
-    return there
+        converted["q"] = merged_angles(data.get("q"), data["q_deg"])
+    return converted
 
 
 def merged_angles(q: Mapping[str, float] | None, q_deg: Mapping[str, float]) -> dict[str, float]:
-    """Return positions by joint from those in radians or metres and those in degrees."""
+    """Return positions by joint, rad or m, from those in rad or m and those in degrees."""
     return {**(q or {}), **{name: math.radians(angle) for name, angle in q_deg.items()}}
 
 
 def parted_angles(
     q: Mapping[str, float], q_deg: Mapping[str, float]
 ) -> tuple[dict[str, float], dict[str, float]]:
-    """Return positions in radians or metres, and in degrees those that ``q_deg`` has so.
+    """Split positions into those in rad or m, and those that ``q_deg`` has in degrees.
 
-    Degrees that mean what they meant keep their digits.
+    Unchanged angles in degrees keep their digits.
     """
-    turned = {
+    angles = {
         name: degrees if math.radians(degrees) == q[name] else degrees_of(q[name])
         for name, degrees in q_deg.items()
         if name in q
     }
-    return {name: value for name, value in q.items() if name not in turned}, turned
+    return {name: value for name, value in q.items() if name not in angles}, angles
 
 
 def degrees_of(angle: float) -> float:
-    """Return an angle (rad) in degrees, to the digits that a file shows."""
+    """Return an angle (rad) in degrees, rounded to the digits of files."""
     return rounded_angle(math.degrees(angle))
 
 
 def rounded_angle(angle: float) -> float:
-    """Return an angle to the digits that a file shows."""
+    """Return an angle rounded to the digits of files."""
     return float(f"{angle:.13g}") + 0.0
