@@ -1,4 +1,4 @@
-"""``graspless-pin place``: from a hand that is anywhere to one that holds the object."""
+"""``graspless-pin place``: find places of the hand where it holds the object."""
 
 from __future__ import annotations
 

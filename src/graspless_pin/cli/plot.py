@@ -1,4 +1,4 @@
-"""``graspless-pin plot``: a picture of a study's results, or of how hard a hand may squeeze."""
+"""``graspless-pin plot``: a picture of a study's results, a squeeze window or tolerances."""
 
 from __future__ import annotations
 
@@ -44,9 +44,9 @@ class PlotKind(StrEnum):
     BOUNDARY = "boundary"
     """Boundary between outcomes, over two variables."""
     SQUEEZE = "squeeze"
-    """How hard the hand of a scene may squeeze."""
+    """The squeeze window of a scene's hand."""
     TOLERANCES = "tolerances"
-    """How far the centre of mass of a scene may be off, and what pushes and moments are borne."""
+    """Tolerances of a scene: centre of mass, pushes and moments by direction."""
 
 
 def plot(

@@ -1,4 +1,4 @@
-"""``graspless-pin robots`` and ``inspect``: which hands there are, and audits of others."""
+"""``graspless-pin robots`` and ``inspect``: the known robots, and audits of others."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``graspless-pin robustness``: how much a scene's rest bears, or what would make it hold."""
+"""``graspless-pin robustness``: disturbances that rest survives, or changes that make it hold."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``graspless-pin schema``: what may stand in a scene file."""
+"""``graspless-pin schema``: the JSON schema of scene files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``graspless-pin simulate``: what MuJoCo says of a scene's rest."""
+"""``graspless-pin simulate``: a scene's rest simulated with MuJoCo."""
 
 from __future__ import annotations
 

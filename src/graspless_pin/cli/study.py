@@ -1,4 +1,4 @@
-"""``graspless-pin study``: many scenes of one kind, as one table."""
+"""``graspless-pin study``: compute a study into one table."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def study(
         loaded = load_study(file)
         if proofs is not None:
             loaded = replace(loaded, record=SampleDocuments(proofs.absolute()))
-        # Where the folder cannot be made, the run says so.
+        # A folder that cannot be made is reported by the run.
         with suppress(OSError):
             make_folder_of(output)
         begin = time.monotonic()

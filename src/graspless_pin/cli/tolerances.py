@@ -1,4 +1,4 @@
-"""``graspless-pin tolerances``: how far what is not known exactly may be off."""
+"""``graspless-pin tolerances``: how far mass, pushes, friction and torques may be off."""
 
 from __future__ import annotations
 

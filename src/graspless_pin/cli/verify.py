@@ -1,4 +1,4 @@
-"""``graspless-pin verify``: what documents of solutions claim."""
+"""``graspless-pin verify``: check the claims of solution documents."""
 
 from __future__ import annotations
 

@@ -182,7 +182,7 @@ def validated(source: YamlSource, model: type[_Entry]) -> _Entry:
         return model.model_validate(source.data)
     except ValidationError as error:
         mistakes = list(_mistakes(source.data, error, model, source.kind))
-        # A misspelt key comes before what is missing because of it.
+        # Misspelt keys come before keys that are missing because of them.
         mistakes.sort(key=lambda mistake: not mistake[1].startswith(_UNKNOWN_KEY))
         lines = [*dict.fromkeys(source.message(*mistake) for mistake in mistakes)]
         unlisted = len(lines) - _MOST_LISTED + max(0, error.error_count() - _MOST_EXAMINED)

@@ -2,5 +2,5 @@
 
 import lazy_loader
 
-# Each name is loaded at first use; which they are stands in the .pyi beside.
+# Names are imported at first use; the .pyi file beside this one lists them.
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

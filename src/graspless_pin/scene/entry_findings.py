@@ -160,7 +160,7 @@ def unit_findings(target: ManipulatedObject, *, beside_hand: bool) -> Iterator[F
 
     Args:
         target: The object.
-        beside_hand: Whether there is a hand.
+        beside_hand: Whether the scene has a hand.
     """
     low, high = box_around(target)
     size = high - low

@@ -311,7 +311,7 @@ def check_contact_body(argument: str, body: str, bodies: Sequence[str]) -> None:
         bodies: Names of the hand's links and of the supports.
 
     Raises:
-        ArgumentError: If it is none of them.
+        ArgumentError: If there is no such body.
     """
     if body not in bodies:
         words = names_in_words(body, bodies)

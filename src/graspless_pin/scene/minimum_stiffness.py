@@ -79,10 +79,10 @@ class MinimumStiffness:
         motion: (P + L,) velocity of the motion that grows fastest, read-only: of the object
             [linear; angular], then of the joints, the largest entry one; None where none grows.
         forces: (M, 3) the admissible contact forces under which that is so, N, world axes,
-            read-only: where torques leave forces open, the worst ones that were found.
-        growth_by_surface: Growth where convex hulls of meshes are taken as they are (``facets``),
-            and as the smooth surfaces that they stand for (``fitted``); the figures above are the
-            worse of both. Empty where no mesh touches.
+            read-only: where torques do not determine them, the worst ones that were found.
+        growth_by_surface: Growth with the facets of convex hulls of meshes (``facets``), and with
+            smooth surfaces fitted to them (``fitted``); the figures above are the worse of both.
+            Empty where no mesh touches.
         armature: Rotor inertia added at each joint, kg m^2, scaled as the stiffness.
         damping: Damping at each joint, N m s/rad, scaled as the stiffness.
         assumed: Stated contacts at which the shapes do not touch: their points are assumed to stay
@@ -137,7 +137,7 @@ def minimum_stiffness(
     Raises:
         ArgumentError: If the torques do not hold the object in balance, the joints' inertia is
             singular, or a figure is out of range.
-        SceneError: If a single contact stands for a line or a face along which the bodies roll.
+        SceneError: If one contact point represents a line or a face along which the bodies roll.
 
     Examples:
         >>> from graspless_pin import load_scene, minimum_stiffness

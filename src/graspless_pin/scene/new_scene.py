@@ -78,8 +78,8 @@ def new_scene_text(
 ) -> NewSceneText:
     """Return the text of a new scene.
 
-    The object rests on the support; the hand stands clear of it: above the support, or on it where
-    an arm reaches the object from there.
+    The object rests on the support. The hand does not touch it: it is above the support, or on the
+    support where an arm reaches the object from there.
 
     Args:
         target: The file: paths in it are relative to its folder.
@@ -93,7 +93,7 @@ def new_scene_text(
         efforts: Effort limit (N m, N) by finger, joint or tendon, which replaces the robot's own.
         effort: Limit of all others that the robot's files do not state; None: left open.
         visuals_collide: Whether links without collision shapes take their visual ones.
-        root_link: Link to take with all that hangs on it, such as the palm of a whole robot; None:
+        root_link: Link to take with all links below it, such as the palm of a whole robot; None:
             the robot file's, else all.
 
     Raises:

@@ -59,7 +59,7 @@ def close_fingers(
     Args:
         scene: A scene with a hand.
         fingers: Fingers to close; None closes all.
-        wrap: Whether a finger goes on with the joints beyond a link that touches.
+        wrap: Whether joints beyond a touching link of a finger go on closing.
         rates: Rate by joint: see `graspless_pin.geometry.posing.closing.close_hand`.
 
     Raises:

@@ -323,10 +323,10 @@ def _gravity_torques(scene: SceneFields, state: JointedContacts) -> FloatArray:
 
 
 def joint_columns(hand: Hand | None, touching: ContactArrays) -> ControlledJoints:
-    """Return the force-controlled joints, then the hybrid fingers.
+    """Return the columns of J: force-controlled joints, then hybrid fingers.
 
     Args:
-        hand: At its configuration; None: there is no column.
+        hand: The hand at its configuration; None: no columns.
         touching: M contacts, hand first.
 
     Raises:
@@ -353,8 +353,8 @@ def column_inertia(hand: Hand | None, count: int) -> FloatArray:
     """Return the (L, L) inertia of the columns of J: zero for hybrid fingers.
 
     Args:
-        hand: At its configuration; None: there is no column.
-        count: L.
+        hand: The hand at its configuration; None: no columns.
+        count: L, the number of columns.
     """
     inertia = np.zeros((count, count))
     if hand is not None:
@@ -382,7 +382,7 @@ def fingers_of_motors(hand: Hand) -> dict[str, str]:
 def _with_hybrid_fingers(
     joints: ControlledJoints, hand: Hand, touching: ContactArrays
 ) -> ControlledJoints:
-    """Append a column n for the one contact of each hybrid finger (Sec. II-A)."""
+    """Return joints with a column n added for the one contact of each hybrid finger (Sec. II-A)."""
     names = list(joints.names)
     hybrid = [
         index

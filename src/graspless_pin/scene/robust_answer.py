@@ -41,7 +41,7 @@ class RobustAnswer(Brief):
         at_torques: Solution of the nominal scene under the robust torques, with the contact forces
             of the largest margin; None without torques.
         served_share: Largest share of the set that torques serve: 1 where torques were found, NaN
-            where it is unknown or there is none.
+            where it is unknown or no share is served.
         unserved_share: Smallest share for which no torques were found, within a thousandth of
             `served_share` unless the time limit was reached; NaN where it is unknown.
         with_feedback: Robust solution with joint stiffness `STIFFNESS`; None: not computed.

@@ -139,7 +139,7 @@ def _check_expressible(scene: SceneFields) -> None:
     """Refuse shapes and robots that a scene file cannot express.
 
     Raises:
-        SceneError: If there is one.
+        SceneError: Naming the first of them.
     """
     for key, body in (("object", scene.object), *(("supports", one) for one in scene.supports)):
         shape = body.shape

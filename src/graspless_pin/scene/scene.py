@@ -57,7 +57,7 @@ if TYPE_CHECKING:
     from graspless_pin.algorithms.uncertainty import Uncertainty
 
 
-_MOST_LINES = 8  # of one kind, when a scene is printed
+_MOST_LINES = 8  # of each kind, in the text of a scene
 _WIDEST_LIST = 60  # characters
 
 
@@ -68,7 +68,7 @@ class Scene(SceneFields):
     Attributes:
         name: For titles.
         path: Its file, for messages; None if made in Python.
-        hand: The hand at its configuration; None: the object only leans on supports.
+        hand: The hand at its configuration; None: the object has support contacts only.
         object: The manipulated object.
         supports: What is fixed around it.
         gravity: (3,) m/s^2, world axes.
@@ -76,8 +76,8 @@ class Scene(SceneFields):
             ``default``; a support's own coefficient comes first.
         materials: Coefficient per pair of materials; it comes before `friction` where both bodies
             have a material.
-        hand_material: Material of all hand links; None: `friction` tells.
-        given_contacts: Contacts to be used as they are; None: found from the shapes.
+        hand_material: Material of all hand links; None: `friction` applies.
+        given_contacts: Stated contacts, used as they are; None: found from the shapes.
         motion: The declared motion; None: at rest.
         loads: Forces, payloads and fields on the object in addition to gravity; names differ.
         acceleration: Acceleration of object and hand; None: none.
@@ -85,12 +85,12 @@ class Scene(SceneFields):
         cone_edges: Edges of each friction cone.
         cone: Name of the friction cone model: see `QuasistaticProblem`.
         contact_tolerance: Largest gap that counts as touching, m.
-        points_per_patch: Most contacts that stand for one face on a face, at least 3.
+        points_per_patch: Most contact points that represent one face on a face, at least 3.
         tangent_axes: t1 of a contact is the projection of the first of these axes that is not
             along its normal; without any, the rule of `QuasistaticProblem`.
         count_own_weight: Whether the links' weight g(q) counts against the limits.
         hybrid_force_limit: Largest commanded force of a hybrid finger, N; None: max_normal_force.
-        max_penetration: Deepest overlap that passes for contact, m.
+        max_penetration: Deepest overlap that counts as contact, m.
         controller: Joint feedback that acts in addition to the torques, for verdicts; its stiffness
             counts in robust torques, too.
         uncertainty: What is not known exactly; None: nothing, the scene is nominal.

@@ -29,14 +29,14 @@ _ZERO = (0.0, 0.0, 0.0)
 
 @dataclass(frozen=True, eq=False, repr=False, init=False)
 class Load(Brief, PickledByFields):
-    """Something that bears on the object: a force and moment, a payload, a field.
+    """A load on the object: a force and moment, a payload, a field.
 
     Attributes:
-        name: What messages and pictures call it.
-        force: (3,) N, on the point ``at``.
+        name: Its name in messages and pictures.
+        force: (3,) N, at the point ``at``.
         moment: (3,) N m.
         mass: kg of a payload at the point ``at``, which counts in weight and inertia.
-        field: (3,) m/s^2, on the mass of the object and of all payloads, beside gravity.
+        field: (3,) m/s^2, on the mass of the object and of all payloads, in addition to gravity.
         at: (3,) point of the object, in its frame, m; None: its centre of mass.
         axes: Those of force and moment; a field has the world's.
 

@@ -208,7 +208,9 @@ def _set_at_torques(
         return None
     solution = bounded_by(whole, replace(fixed, objective=objective))
     gap = abs(whole.value - solution.value)
-    guarantee = Guarantee(None, whole.value, gap, tried)  # no verdict: there is one for each member
+    guarantee = Guarantee(
+        None, whole.value, gap, tried
+    )  # no verdict of its own: each member has one
     return replace(best, solution=replace(solution, status=Status.STRONG, guarantee=guarantee))
 
 

@@ -247,7 +247,7 @@ def read_results(path: str | Path) -> pd.DataFrame:
 
 
 def results_parts(path: str | Path, columns: Sequence[str] | None = None) -> Iterator[pd.DataFrame]:
-    """Read results back in parts, so that no more than one of them is in memory.
+    """Read results back in parts, of which only one is in memory at a time.
 
     Args:
         path: A Parquet or CSV file that `run_study` has written.
@@ -365,10 +365,10 @@ def _csv_parts(file: Path, names: list[str] | None) -> Iterator[pd.DataFrame]:
 
 
 def results_summary(table: pd.DataFrame | str | Path) -> str:
-    """Return how many samples were found, infeasible and failed, and the extremes of their figures.
+    """Return counts of samples found, infeasible and failed, and extremes of figures, as text.
 
-    Samples with serious findings, such as a hand that touches nothing, are counted apart, and their
-    margins and torques do not count.
+    Samples with serious findings, such as a hand that touches nothing, are counted separately, and
+    their margins and torques are left out.
 
     Args:
         table: What `read_results` returns, or a file, which is read part by part.

@@ -220,10 +220,10 @@ def run_study(
         study: The study.
         output: The table's file; ``.parquet`` or ``.csv``.
         executor: Where to compute; None: processes on this machine.
-        workers: Processes, or chunks that the executor is kept busy with; None: one a core.
-        progress: Whether to show a progress bar on standard error, and whether a run goes on.
-        overwrite: Whether what is not this study's may be replaced: the output and its journal.
-        fresh: Whether to drop what an earlier run of this study has left.
+        workers: Number of processes, or of workers of the executor; None: one for each core.
+        progress: Whether to show a progress bar on standard error, and a note on a resumed run.
+        overwrite: Whether an output or a journal of another study may be replaced.
+        fresh: Whether to drop results of an earlier run of this study.
 
     Returns:
         The table, one row a sample in the order of the samples: the same for the same seed,
@@ -231,8 +231,8 @@ def run_study(
 
     Raises:
         StudyError: If the study cannot be computed at all, the output cannot be written or belongs
-            to another study, or workers cannot be had.
-        ArgumentError: If an option is none of the values that it may have.
+            to another study, or there are no workers.
+        ArgumentError: If an option has an invalid value.
 
     Examples:
         >>> from tempfile import TemporaryDirectory
@@ -264,24 +264,24 @@ def compute_study(
 ) -> None:
     """Compute all samples of a study and write the table, of which a part at a time is in memory.
 
-    Rows go to a journal beside the output (``results.parquet.journal``) as they come. A run that
-    was killed goes on from there, and a study whose output is complete is left as it is.
+    Rows are written to a journal beside the output (``results.parquet.journal``) as they come. A
+    killed run is resumed from there, and a study with a complete output is not computed again.
 
     Args:
         study: The study.
         output: The table's file; ``.parquet`` or ``.csv``.
         executor: Where to compute; None: processes on this machine. Its workers need this package,
             and the scene's files at the same paths.
-        workers: Processes, or how many chunks of samples the executor is kept busy with; None: the
-            number of cores that this process may use.
-        progress: Whether to show a progress bar on standard error, and whether a run goes on.
-        overwrite: Whether what is not this study's may be replaced: the output and its journal.
-        fresh: Whether to drop what an earlier run of this study has left.
+        workers: Number of processes, or of workers of the executor; None: the number of cores that
+            this process may use.
+        progress: Whether to show a progress bar on standard error, and a note on a resumed run.
+        overwrite: Whether an output or a journal of another study may be replaced.
+        fresh: Whether to drop results of an earlier run of this study.
 
     Raises:
         StudyError: If the study cannot be computed at all, the output cannot be written or belongs
-            to another study, or workers cannot be had.
-        ArgumentError: If an option is none of the values that it may have.
+            to another study, or there are no workers.
+        ArgumentError: If an option has an invalid value.
 
     Examples:
         >>> from tempfile import TemporaryDirectory

@@ -124,7 +124,7 @@ class SolutionWriter(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Study:
-    """A study, checked as far as that goes without computing. Make one with `load_study`.
+    """A study, checked without computing samples. Make one with `load_study`.
 
     See the example of `run_study`.
 

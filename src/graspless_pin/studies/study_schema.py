@@ -1,6 +1,6 @@
-"""The study file's schema: a scene, what varies, how it is sampled, what is computed.
+"""The schema of study files: a scene, its variables, the sampling and the computation.
 
-A hand may be placed at the object or closed on it, in each sample anew.
+The hand may be placed at the object, or closed on it, in each sample.
 """
 
 from __future__ import annotations
