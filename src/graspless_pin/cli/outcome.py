@@ -52,8 +52,8 @@ def plain_errors() -> Iterator[None]:
 
     An error that names an argument is shown with the command-line option of that argument.
     """
-    with capture() as found:
-        token = _PRINTED.set(_PrintedFindings(found))
+    with capture() as findings:
+        token = _PRINTED.set(_PrintedFindings(findings))
         try:
             yield
         except GrasplessPinError as error:
@@ -66,7 +66,7 @@ def plain_errors() -> Iterator[None]:
             raise typer.Exit(ExitCode.BAD_INPUT) from None
         finally:
             show_findings()
-            EMITTED.get([]).extend(found)
+            EMITTED.get([]).extend(findings)
             _PRINTED.reset(token)
 
 

@@ -22,8 +22,8 @@ def bad_character(text: str) -> str | None:
     Refused are control characters, which terminals obey, and unpaired surrogates, which no file can
     hold.
     """
-    found = _UNPRINTABLE.search(text)
-    return f"U+{ord(found[0]):04X}" if found else None
+    match = _UNPRINTABLE.search(text)
+    return f"U+{ord(match[0]):04X}" if match else None
 
 
 def fault_of_name(name: str) -> str:
@@ -38,7 +38,7 @@ def fault_of_name(name: str) -> str:
 
 def printable(text: str) -> str:
     """Return the text with each character that `bad_character` refuses replaced by its code."""
-    return _UNPRINTABLE.sub(lambda found: f"<U+{ord(found[0]):04X}>", text)
+    return _UNPRINTABLE.sub(lambda match: f"<U+{ord(match[0]):04X}>", text)
 
 
 DEEPEST_JSON = 50

@@ -190,27 +190,27 @@ def validated(source: YamlSource, model: type[_Entry]) -> _Entry:
         raise source.kind.error("\n".join([*lines[:_MOST_LISTED], *remainder])) from None
 
 
-def with_known(entry: Any, data: Any, known: Any, known_data: Any) -> Any:
+def with_known(entry: Any, data: Any, earlier: Any, earlier_data: Any) -> Any:
     """Return an entry with unchanged parts replaced by the same objects of an earlier entry.
 
     Args:
         entry: The entry, or a part of it.
         data: The file's data for it.
-        known: The earlier entry.
-        known_data: The file's data for the earlier entry.
+        earlier: The earlier entry.
+        earlier_data: The file's data for the earlier entry.
     """
-    if is_alike(data, known_data):
-        return known
+    if is_alike(data, earlier_data):
+        return earlier
     kind = type(entry)
-    if isinstance(entry, BaseModel) and kind is type(known):
-        before = vars(known)
+    if isinstance(entry, BaseModel) and kind is type(earlier):
+        before = vars(earlier)
         parts = {
-            name: with_known(part, data.get(name), before[name], known_data.get(name))
+            name: with_known(part, data.get(name), before[name], earlier_data.get(name))
             for name, part in vars(entry).items()
         }
         return kind.model_construct(entry.model_fields_set, **parts)
-    if isinstance(entry, list) and isinstance(known, list) and len(entry) == len(known):
-        return [*map(with_known, entry, data, known, known_data)]
+    if isinstance(entry, list) and isinstance(earlier, list) and len(entry) == len(earlier):
+        return [*map(with_known, entry, data, earlier, earlier_data)]
     return entry
 
 

@@ -166,20 +166,20 @@ def _contacts_after_motion(scene: SceneFields, touching: ContactArrays) -> Scene
     motion, center = scene.motion or Motion(np.zeros(6)), scene.object.center_of_mass_world
     try:
         body_velocities = _body_velocities(scene, touching, motion)
-        kept, sliding = contacts_that_stay(
+        staying, sliding = contacts_that_stay(
             touching, motion.object_twist, center, body_velocities, scene.object.name
         )
     except SceneError as error:
         raise error.at(f"{label_of(scene)}: motion") from error
-    if len(kept) == len(touching):
+    if len(staying) == len(touching):
         return SceneContacts(touching, sliding)
-    if not kept:
+    if not staying:
         raise StateError(
             StateFault.PARTED,
             f"{label_of(scene)}: the declared motion parts object {scene.object.name!r} from "
             "everything that touches it; no contact is left",
         )
-    return SceneContacts(touching.chosen(kept), sliding[kept])
+    return SceneContacts(touching.chosen(staying), sliding[staying])
 
 
 def _body_velocities(scene: SceneFields, touching: ContactArrays, motion: Motion) -> FloatArray:

@@ -273,10 +273,10 @@ def _uneven_gap_findings(scene: SceneFields, touching: ContactArrays) -> Iterato
     rigid_body = np.array([links[name] if k < count else -1 for k, name in enumerate(names)])
     ranks = np.argsort(np.argsort(gaps, kind="stable"))
     excess[(rigid_body[:, None] != rigid_body) | (ranks[:, None] <= ranks)] = 0.0
-    most = excess.max(axis=1, initial=0.0)
+    peak = excess.max(axis=1, initial=0.0)
     for name in dict.fromkeys(names):
-        far = max((k for k, one in enumerate(names) if one == name), key=lambda k: most[k])
-        if most[far] <= _UNEVEN_GAPS * tolerance:
+        far = max((k for k, one in enumerate(names) if one == name), key=lambda k: peak[k])
+        if peak[far] <= _UNEVEN_GAPS * tolerance:
             continue
         near = int(np.argmax(excess[far]))
         gap, object_name = in_mm(gaps[far]), scene.object.name

@@ -255,18 +255,18 @@ def _unit_guess(target: ManipulatedObject, density: float, size: FloatArray) -> 
     return ""
 
 
-def likely_lengths(given: FloatArray, longest: FloatArray) -> str:
+def likely_lengths(lengths: FloatArray, longest: FloatArray) -> str:
     """Return, for messages, lengths in metres if they were given in mm or cm by mistake.
 
     Args:
-        given: (3,) the stated lengths, m.
+        lengths: (3,) the stated lengths, m.
         longest: (3,) largest plausible lengths, m.
     """
     units = {"centimetres": 1e-2, "millimetres": 1e-3}
     fitting = [
-        f"{unit} are [{', '.join(f'{length:.3g}' for length in (factor * given).tolist())}] m"
+        f"{unit} are [{', '.join(f'{length:.3g}' for length in (factor * lengths).tolist())}] m"
         for unit, factor in units.items()
-        if (np.abs(factor * given) <= longest).all()
+        if (np.abs(factor * lengths) <= longest).all()
     ]
     return f": {', '.join(fitting)}" if fitting else ""
 

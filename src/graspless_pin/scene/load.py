@@ -97,7 +97,7 @@ def build_scene(
         )
     parts = parts or SceneParts()
     entry = parts.validated(source)
-    with capture() as found:
+    with capture() as emitted:
         main_sources = entry.object, entry.hand, entry.materials, entry.contacts, entry.motion
         further_sources = entry.controller, entry.acceleration, entry.uncertainty, *entry.supports
         bodies = parts.run_stage(
@@ -106,7 +106,7 @@ def build_scene(
         _check_weight(source, entry, bodies.fields["object"])
         scene = _scene_with_figures(kind, source, parts, entry, bodies)
     hand_findings = () if scene.hand is None else scene.hand.findings
-    placed = [one if one in hand_findings else source.placed(one) for one in found]
+    placed = [one if one in hand_findings else source.placed(one) for one in emitted]
     emit(*placed)
     vars(scene)["load_findings"] = tuple(one for one in placed if one not in hand_findings)
     vars(scene)["_stated"] = StatedFields(replace(source, data=None))

@@ -66,8 +66,8 @@ class RobustAnswer(Brief):
     def solution(self) -> TorqueSolution:
         """The solution under the torques; without torques that of the joined problem, not found."""
         if self.at_torques is None or not self.found:
-            why = str(self.robust) if self.nominal.found else self.nominal.explanation
-            return changed(self.robust.solution, "explanation", _explanation=why)
+            reason = str(self.robust) if self.nominal.found else self.nominal.explanation
+            return changed(self.robust.solution, "explanation", _explanation=reason)
         return self.at_torques
 
 
@@ -203,8 +203,10 @@ def without_torques(nominal: TorqueSolution, joined: TorqueSolution) -> TorqueSo
     )
 
 
-def _at_robust_torques(scene: Scene, robust: RobustSolution, how: SolveOptions) -> TorqueSolution:
+def _at_robust_torques(
+    scene: Scene, robust: RobustSolution, settings: SolveOptions
+) -> TorqueSolution:
     """Return the scene's solution under robust torques: the forces of the largest margin."""
-    how = replace(how, stability=RequiredStability.WEAK)  # the torques are given
-    solution = solve_problem(scene.problem(), AtTorques(Margin(), robust.torques), how)
+    settings = replace(settings, stability=RequiredStability.WEAK)  # the torques are given
+    solution = solve_problem(scene.problem(), AtTorques(Margin(), robust.torques), settings)
     return solution.of_source(scene)

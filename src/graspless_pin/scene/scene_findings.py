@@ -82,9 +82,9 @@ def state_findings(scene: SceneFields, checks: StateChecks = ALL_CHECKS) -> tupl
     """
     if scene.hand is None:
         return ()
-    found = [*_serious_overlap_findings(hand_overlaps(scene))] if checks.collisions else []
+    findings = [*_serious_overlap_findings(hand_overlaps(scene))] if checks.collisions else []
     if checks.need_hand and not _hand_touches(scene):
-        found.append(
+        findings.append(
             Finding(
                 FindingCode.HAND_TOUCHES_NOTHING,
                 scene.object.name,
@@ -94,7 +94,7 @@ def state_findings(scene: SceneFields, checks: StateChecks = ALL_CHECKS) -> tupl
                 ("hand", "base_pose"),
             )
         )
-    return causes_first(found) if len(found) > 1 else tuple(found)
+    return causes_first(findings) if len(findings) > 1 else tuple(findings)
 
 
 def hand_overlaps(scene: SceneFields) -> tuple[Overlap, ...]:
@@ -174,9 +174,9 @@ def findings_of(scene: SceneFields) -> tuple[Finding, ...]:
     return causes_first([*scene.load_findings, *hand_findings, *_with_places(scene, own), *emitted])
 
 
-def _with_places(scene: SceneFields, found: Iterable[Finding]) -> Iterable[Finding]:
+def _with_places(scene: SceneFields, findings: Iterable[Finding]) -> Iterable[Finding]:
     """Return findings with their places in the scene's file filled in."""
-    return found if scene._stated is None else map(scene._stated.placed, found)
+    return findings if scene._stated is None else map(scene._stated.placed, findings)
 
 
 def figure_findings(scene: SceneFields) -> tuple[Finding, ...]:

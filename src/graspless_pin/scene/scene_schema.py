@@ -145,19 +145,19 @@ _Entry = TypeVar("_Entry", bound=Entry)
 
 def with_figures(entry: type[_Entry]) -> type[_Entry]:
     """Return an entry class with a key added for each objective's figure that it does not have."""
-    further: dict[str, Any] = {
+    missing: dict[str, Any] = {
         key: (kind | None, None)
         for key, kind in figure_types().items()
         if key not in entry.model_fields
     }
-    if not further:  # a second model of the same keys would take as long to make
+    if not missing:  # a second model of the same keys would take as long to make
         return entry
     return create_model(
         entry.__name__,
         __base__=entry,
         __doc__=entry.__doc__,
         __module__=entry.__module__,
-        **further,
+        **missing,
     )
 
 

@@ -288,9 +288,9 @@ def verdicts_of_members(
 
     problem = problem_of(scene)
     if not isinstance(robust, RobustSolution) or not robust.found:
-        found = "has no torques" if isinstance(robust, RobustSolution) else f"is {robust!r:.80}"
+        fault = "has no torques" if isinstance(robust, RobustSolution) else f"is {robust!r:.80}"
         raise ArgumentError(
-            "robust", f"{found}; give what scene.solve(..., uncertainty=...) has found"
+            "robust", f"{fault}; give what scene.solve(..., uncertainty=...) has found"
         )
     first = robust.members[0].problem
     if first.joint_names != problem.joint_names or first.contact_count != problem.contact_count:
@@ -410,12 +410,12 @@ def torques_at_rest(
         stiffness: (L,) joint stiffness, N m/rad (N/m); None: none.
     """
     problem = member.problem
-    given = finite_array("commanded", commanded, (problem.joint_count,))
-    torques = member.factors * given + member.offsets
+    command = finite_array("commanded", commanded, (problem.joint_count,))
+    torques = member.factors * command + member.offsets
     if stiffness is None:
         return torques
     options = SolveOptions.parse(static_friction=StaticFriction.COULOMB)
-    commanded_problem = under_commands(member, given, feedback_torques(problem, stiffness))
+    commanded_problem = under_commands(member, command, feedback_torques(problem, stiffness))
     solution = solve_problem(commanded_problem, Margin(), options)
     if not solution.found:
         return torques

@@ -74,7 +74,7 @@ def solve_uncertain(
     if isinstance(uncertainty, Uncertainty):
         check_offsets(scene, uncertainty)
         uncertainty = by_contact_and_joint(scene, problem, uncertainty)
-    known = {
+    arguments = {
         **_scene_arguments(scene, problem, feedback),
         "slopes": _jacobian_slopes(scene, uncertainty),
     }
@@ -82,7 +82,7 @@ def solve_uncertain(
     def solve_set(
         problem: QuasistaticProblem, objective: Objective, options: SolveOptions
     ) -> RobustSolution:
-        return solve_robust(problem, objective, uncertainty, options, mode=mode, **known)
+        return solve_robust(problem, objective, uncertainty, options, mode=mode, **arguments)
 
     if not options.strong:
         return solve_set(problem, objective, options)
@@ -137,13 +137,13 @@ def _strong_torques(
     def verdicts_at_corners(torques: FloatArray, order: list[int], nodes: int) -> RestAtCorners:
         """Return verdicts on corners in an order, up to the first where rest is lost."""
         members = [best.members[number] for number in order]
-        found = verdicts_under(
+        judged = verdicts_under(
             scene, members, torques, best.feedback, limits=limits, until=is_lost,
             node_limit=min(nodes, options.verdict_nodes),
         )  # fmt: skip
-        kept = not found.left_out and not any(map(is_lost, found.verdicts))
-        asked_corners = order[: len(found.verdicts)]
-        return RestAtCorners(tuple(asked_corners), found.verdicts, kept, 0)
+        is_kept = not judged.left_out and not any(map(is_lost, judged.verdicts))
+        asked_corners = order[: len(judged.verdicts)]
+        return RestAtCorners(tuple(asked_corners), judged.verdicts, is_kept, 0)
 
     order = [*range(len(best.members))]
     tried: list[tuple[FloatArray, RestAtCorners]] = []
@@ -153,9 +153,9 @@ def _strong_torques(
         yield best.torques, FIRST_NODES
         guesses = weaker_supports(problem, objective) if best.policy is None else ()
         for weaker_problem, weaker_objective in guesses:
-            found = solve_set(weaker_problem, weaker_objective, limits.within(options))
-            if found.found and found.policy is None:
-                yield found.torques, FIRST_NODES
+            result = solve_set(weaker_problem, weaker_objective, limits.within(options))
+            if result.found and result.policy is None:
+                yield result.torques, FIRST_NODES
         if options.verdict_nodes > FIRST_NODES:
             for torques, rest in tuple(tried):
                 if rest.verdicts and rest.verdicts[-1].status is Stability.UNDECIDED:
@@ -254,12 +254,12 @@ def corners_in(
         uncertainty: The set.
     """
     problem = problem_of(scene)
-    figures, known = (
+    figures, arguments = (
         by_contact_and_joint(scene, problem, uncertainty),
         _scene_arguments(scene, problem),
     )
-    stiffness = joint_stiffness(problem, known["feedback"], known["fingers"])
-    return corners_of(problem, figures, known["weight"], stiffness)
+    stiffness = joint_stiffness(problem, arguments["feedback"], arguments["fingers"])
+    return corners_of(problem, figures, arguments["weight"], stiffness)
 
 
 def stated_by(scene: SceneFields) -> Uncertainty:
@@ -296,8 +296,8 @@ def tolerances_of(
         NoSolutionError: See `tolerances`.
     """
     problem = problem_of(scene)
-    given = motor_torques(problem.joint_names, torques)
-    return tolerances(problem, given, **_scene_arguments(scene, problem, feedback), **options)
+    commanded = motor_torques(problem.joint_names, torques)
+    return tolerances(problem, commanded, **_scene_arguments(scene, problem, feedback), **options)
 
 
 def check_offsets(scene: SceneFields, uncertainty: Uncertainty) -> None:

@@ -264,7 +264,7 @@ def _evaluate_in_blocks(
         try:
             scene, hand_columns[number] = study.posed_at(sample, parts)
             is_separate = single or (scene is not None and scene.uncertainty is not None)
-            found = state_findings(scene, checks) if is_separate and scene is not None else ()
+            findings = state_findings(scene, checks) if is_separate and scene is not None else ()
             if scene is not None:
                 stated = None if is_separate else stated_sample(scene, checks, stated)
         except Exception as error:
@@ -276,7 +276,7 @@ def _evaluate_in_blocks(
             yield {"sample": number}
         elif stated is None:
             yield from block.finish()
-            yield _row(study, number, scene, found, starts)
+            yield _row(study, number, scene, findings, starts)
         else:
             yield from block.rows(number, stated)
         if one_by_one:
@@ -294,7 +294,7 @@ def _row(
     study: Study,
     number: int,
     scene: Scene,
-    found: tuple[Finding, ...],
+    findings: tuple[Finding, ...],
     starts: StartsByContacts | None,
 ) -> Row:
     """Return the row of one sample, solved by a search; an error gives a row of a failure.
@@ -303,7 +303,7 @@ def _row(
         study: The study.
         number: Number of the sample.
         scene: Its scene.
-        found: See `state_findings`.
+        findings: See `state_findings`.
         starts: Warm starts from earlier samples; None: none.
 
     Raises:
@@ -311,7 +311,7 @@ def _row(
     """
     try:
         row = {"sample": number, **_solved_cells(study, number, scene, starts)}
-        return row | finding_columns(scene, found)
+        return row | finding_columns(scene, findings)
     except Exception as error:
         return _failed_row(study, number, error)
 
@@ -332,9 +332,9 @@ def _failed_row(study: Study, number: int, error: Exception) -> Row:
     return failure_row(number, Failure.FAILED, text)
 
 
-def failure_row(number: int, why: Failure, error: str) -> Row:
+def failure_row(number: int, failure: Failure, error: str) -> Row:
     """Return the row of a sample without a result."""
-    return {"sample": number, "status": why.value, "found": False, "error": error}
+    return {"sample": number, "status": failure.value, "found": False, "error": error}
 
 
 def _solved_cells(study: Study, number: int, scene: Scene, starts: StartsByContacts | None) -> Row:
@@ -410,18 +410,18 @@ def _analysis_columns(study: Study, scene: Scene, solution: TorqueSolution) -> R
     return row
 
 
-def finding_columns(scene: Scene, found: Sequence[Finding]) -> Row:
+def finding_columns(scene: Scene, findings: Sequence[Finding]) -> Row:
     """Return the column of the codes of serious findings, the gravest first; empty without any.
 
     Args:
         scene: The scene of the sample, whose findings from loading count, too.
-        found: See `state_findings`.
+        findings: See `state_findings`.
     """
     load_findings = (*scene.load_findings, *(() if scene.hand is None else scene.hand.findings))
-    if not (load_findings or found):
+    if not (load_findings or findings):
         return {}
     serious = [
-        one for one in causes_first([*load_findings, *found]) if one.severity is Severity.SERIOUS
+        one for one in causes_first([*load_findings, *findings]) if one.severity is Severity.SERIOUS
     ]
     return {FINDINGS: "; ".join(dict.fromkeys(one.code for one in serious))} if serious else {}
 

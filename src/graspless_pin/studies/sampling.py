@@ -185,7 +185,7 @@ class AdaptiveSamples(Samples):
         shape = np.array(self._grid_shape)
         halved = np.array([_is_halved(variable) for variable in self.variables])
         coordinates = np.stack(np.unravel_index(self.points, self._grid_shape), axis=1)
-        known = self.points
+        so_far = self.points
         for level in range(self.depth):
             sides = np.where(halved, 2 ** (self.depth - level), 1)
             cells = _mixed_cells(coordinates, outcomes, sides, shape, halved)
@@ -193,8 +193,8 @@ class AdaptiveSamples(Samples):
             steps = product(*[(0, side // 2, side) if half else (0,) for side, half in extents])
             corners = [cells * sides + np.array(step) for step in steps]
             corner_points = np.ravel_multi_index(tuple(np.concatenate(corners).T), self._grid_shape)
-            known = np.concatenate([known, np.setdiff1d(corner_points, known)])
-        points = known[: self.limit]
+            so_far = np.concatenate([so_far, np.setdiff1d(corner_points, so_far)])
+        points = so_far[: self.limit]
         points.flags.writeable = False
         return replace(self, points=points)
 
