@@ -1,7 +1,7 @@
 """Save a scene as YAML that loads to the same problem, with the comments of its original file.
 
-That file is read again and edited where it differs. ``data`` is its content, ``meant`` is the scene
-that it loads to and ``wanted`` the scene to save, both in the form of `stated_scene`.
+The original file is read again and edited where it differs: ``data`` is its content, ``meant`` the
+scene that it loads to and ``wanted`` the scene to save, both in the form of `stated_scene`.
 """
 
 from __future__ import annotations

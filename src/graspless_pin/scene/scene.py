@@ -351,7 +351,7 @@ def load_scene(path: str | Path) -> Scene:
         The scene, with hand and shapes loaded.
 
     Raises:
-        SceneError: Naming file, line and key, what was found and what would do.
+        SceneError: Naming file, line and key, the value found and the values allowed.
 
     Examples:
         >>> from graspless_pin import load_scene

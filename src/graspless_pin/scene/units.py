@@ -116,7 +116,7 @@ def kinds_of(location: Location) -> tuple[str, ...]:
 
 
 def offset_key(location: Location, unit: Unit | None) -> str | None:
-    """Return the key of an absolute deviation where that of a relative one has a value with unit.
+    """Return the key for an absolute deviation, if a key for a relative one is given such a unit.
 
     Args:
         location: The given key.

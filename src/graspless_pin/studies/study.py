@@ -290,7 +290,7 @@ def load_study(path: str | Path) -> Study:
         path: The study file (YAML). The scene's path is relative to it.
 
     Raises:
-        StudyError: Naming file, line and key, what was found and what would do.
+        StudyError: Naming file, line and key, the value found and the values allowed.
         ArgumentError: If it is no path.
         SceneError: If the scene file itself is wrong.
 
