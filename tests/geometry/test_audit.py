@@ -280,6 +280,12 @@ def test_what_cannot_be_read_is_a_finding(tmp_path, body, message):
     assert not report.loads
 
 
+def test_the_ending_of_a_file_may_be_in_capitals(tmp_path):
+    written = write_urdf(tmp_path, link("a", BALL))
+    report = audit_urdf(written.rename(tmp_path / "HAND.URDF"))
+    assert report.loads
+
+
 def test_what_is_no_urdf_is_a_finding_and_no_file_an_error(tmp_path):
     file = tmp_path / "robot.urdf"
     file.write_text("<sdf/>")

@@ -71,8 +71,9 @@ def here(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("here")
-def test_one_that_declares_no_xacro_is_one_by_its_name(claw: Path) -> None:
-    plain = claw.with_name("claw.xacro")
+@pytest.mark.parametrize("name", ["claw.xacro", "CLAW.XACRO"])
+def test_one_that_declares_no_xacro_is_one_by_its_name(claw: Path, name: str) -> None:
+    plain = claw.with_name(name)
     plain.write_text("<robot name='claw'><link name='${1 + 1}'/></robot>")
     assert read_robot(describe_urdf(plain)).root == "2"
 

@@ -166,6 +166,9 @@ def test_blocks_depend_on_the_study_alone():
     assert Study.from_data(data(VARY, sampling=sampling)).block == 64
     for limits in ({"time_limit": 9.0}, {"sample_time_limit": 9.0}):
         assert Study.from_data(data(VARY, sampling=sampling, compute=limits)).block == 1
+    quick = {"algorithm": "margin", "time_limit": 0.1}
+    by_section = VARY | {"solve": {"values": {"quick": quick, "whole": {"algorithm": "margin"}}}}
+    assert Study.from_data(data(by_section, sampling=sampling)).block == 1
 
 
 def test_a_process_after_a_crash_learns_again_what_was_learned():

@@ -61,14 +61,14 @@ def kind_of_file(path: Path, content: bytes) -> str | None:
             return kind
     if head.startswith(b"<"):
         root = re.search(rb"<([A-Za-z][\w.-]*)", re.sub(rb"(?s)<[?!].*?>", b"", head[:4096]))
-        if path.suffix == ".xacro":  # not by namespace: URDFs that xacro wrote keep it
+        if path.suffix.lower() == ".xacro":  # not by namespace: URDFs that xacro wrote keep it
             return "xacro file"
         return _ROOTS.get(root[1].decode() if root else "", "XML file")
     if head.startswith(b"{") and (b'"nbformat"' in content or b'"certificate"' in content):
         return "Jupyter notebook" if b'"nbformat"' in content else "JSON document"
     if path.suffix.lower() in _MESH_SUFFIXES or _LINE_OF_OBJ.search(head):
         return "mesh file"
-    if path.suffix == ".py":
+    if path.suffix.lower() == ".py":
         return "Python program"
     return "binary file" if b"\x00" in head and head[:2] not in _MARKS else None
 

@@ -353,9 +353,8 @@ def _block_size(entry: StudyEntry, tree: Tree, variables: tuple[Variable, ...], 
     outcome of a sample, and through warm starts on later ones.
     """
     limits = entry.compute.sample_time_limit, tree["solve"].get("time_limit")
-    varies_time = any(
-        place == ("solve", "time_limit") for one in variables for place, *_ in one.targets
-    )
+    of_time = ("solve",), ("solve", "time_limit")
+    varies_time = any(place in of_time for one in variables for place, *_ in one.targets)
     if varies_time or any(limit is not None for limit in limits):
         return 1
     return max(1, min(_LARGEST_BLOCK, count // _LEAST_BLOCKS))

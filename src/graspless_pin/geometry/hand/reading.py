@@ -96,7 +96,8 @@ def _root_element(described: RobotDescription) -> ET.Element:
     refuse_other_kind(path, URDF, None if kind in _OTHER_XML else kind)
     with errors_of_text(path, URDF):
         root = parse_xml(content)
-        if path.suffix == ".xacro" or any(one.tag.startswith("xacro:") for one in root.iter()):
+        is_xacro = path.suffix.lower() == ".xacro"
+        if is_xacro or any(element.tag.startswith("xacro:") for element in root.iter()):
             root = parse_xml(_expanded_xacro(described))
     if root.tag == "sdf":
         raise RobotError(

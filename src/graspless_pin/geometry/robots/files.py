@@ -333,8 +333,7 @@ def find_robot(
         RobotError: If it denotes no robot; names similar robots.
         ArgumentError: If ``package_dirs`` is given for anything but a URDF.
     """
-    is_urdf = not isinstance(source, RobotDescription) and Path(source).suffix in _ENDINGS
-    if is_urdf:
+    if not isinstance(source, RobotDescription) and Path(source).suffix.lower() in _ENDINGS:
         return describe_urdf(str(source), package_dirs)
     if package_dirs:
         raise ArgumentError("package_dirs", f"only goes with a URDF file, not with {source!r}")
