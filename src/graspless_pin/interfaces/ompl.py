@@ -40,7 +40,7 @@ _MOST_MOTIONS = 100_000
 class EvaluatedSpace:
     """A state space of OMPL with its evaluator: see `attach_evaluator`, which returns it.
 
-    A motion of OMPL is cut into pieces by OMPL's resolution
+    With a ``to_state``, a motion of OMPL is cut into pieces by OMPL's resolution
     (``setStateValidityCheckingResolution``). The ends of each piece are states of the evaluator,
     which checks the piece by `Evaluator.first_invalid`. Results are kept by motion for OMPL's later
     queries. See the example of `attach_evaluator`.
