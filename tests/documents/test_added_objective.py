@@ -65,7 +65,7 @@ def package(tmp_path_factory) -> Path:
     (folder / PACKAGE / "programs" / "total_torque.py").write_text(module, encoding="utf-8")
     imported, line = listed.splitlines()
     names = folder / PACKAGE / "algorithms" / "options.py"
-    inserted(names, line, '}\n"""All of them')
+    inserted(names, line, '}\n"""All objectives')
     inserted(names, imported, "\n\nclass NamedObjective")
     return folder
 
