@@ -20,7 +20,7 @@ from graspless_pin.algorithms import uncertain_members
 from graspless_pin.algorithms.robust_solution import Coverage
 from graspless_pin.errors import ArgumentError
 from graspless_pin.modes.rules import SlidingMode
-from graspless_pin.problem.members import joined
+from graspless_pin.problem.members import join_members
 from graspless_pin.solvers.conic_backends import SparseConic
 
 STUDIED = [
@@ -142,7 +142,7 @@ def test_the_member_that_needs_the_torques_most_comes_first_and_says_what_it_is(
     found = solved(contacts_alone("paper/cuboid_at_rest"), Uncertainty(**given), 0.02)
     first = found.policy.critical(1)[0]
     assert first.words.startswith(words)
-    alone = minimize_torque(joined([first]), 0.02, static_friction="coulomb")
+    alone = minimize_torque(join_members([first]), 0.02, static_friction="coulomb")
     assert alone.max_torque == pytest.approx(found.max_torque, rel=1e-2)
 
 

@@ -21,7 +21,7 @@ from graspless_pin import (
 )
 from graspless_pin.algorithms.robust_solution import RobustSolution
 from graspless_pin.errors import ArgumentError
-from graspless_pin.problem.members import joined
+from graspless_pin.problem.members import join_members
 from graspless_pin.scene import GivenContact
 
 STIFFNESS = 2.0  # N m/rad
@@ -103,7 +103,7 @@ def test_scenes_drawn_anew_balance_as_often_as_is_told(name, request):
 
 def test_members_that_join_one_by_one_cost_as_much_as_all_at_once(cuboid):
     scene, robust = cuboid
-    whole = minimize_torque(joined(robust.members), 0.05, static_friction="coulomb")
+    whole = minimize_torque(join_members(robust.members), 0.05, static_friction="coulomb")
     assert robust.max_torque == pytest.approx(whole.max_torque, rel=1e-6)
     assert robust.bound == pytest.approx(robust.max_torque, rel=1e-6)
     assert len(robust.contact_forces) < len(robust.members)
@@ -136,10 +136,10 @@ def test_positions_that_no_torques_serve_are_named():
     conflict = [robust.members[number] for number in robust.conflict]
     assert any(one.moved is not None for one in conflict)
     options: dict[str, Any] = {"static_friction": "coulomb"}
-    assert not minimize_torque(joined(conflict), 0.05, **options).found
+    assert not minimize_torque(join_members(conflict), 0.05, **options).found
     for left_out in range(len(conflict)):
         fewer = [one for number, one in enumerate(conflict) if number != left_out]
-        assert minimize_torque(joined(fewer), 0.05, **options).found
+        assert minimize_torque(join_members(fewer), 0.05, **options).found
 
 
 def test_modes_differ_under_the_papers_rules():

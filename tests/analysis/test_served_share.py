@@ -13,7 +13,7 @@ from graspless_pin.algorithms.options import SolveOptions
 from graspless_pin.algorithms.robust_solution import Coverage, RobustSolution
 from graspless_pin.algorithms.robust_torques import solve_robust
 from graspless_pin.algorithms.uncertain_members import members_of, weight_of_arrays
-from graspless_pin.problem.members import joined
+from graspless_pin.problem.members import join_members
 from graspless_pin.programs.objectives import Torque
 from graspless_pin.report.robust import robust_sentences
 from graspless_pin.scene.robust_answer import robust_answer
@@ -93,7 +93,7 @@ def test_members_in_conflict_at_the_failing_size_are_told():
     found = module.largest_share(solved, solved(1.0))
     assert 0.0 < found.failing - found.served <= 1e-3
     assert len(found.conflict) >= 2
-    assert not minimize_torque(joined(found.conflict), 0.1, **COULOMB).found
+    assert not minimize_torque(join_members(found.conflict), 0.1, **COULOMB).found
     assert found.best is not None and found.best.found
     # No size was solved for twice.
     assert all(first < second for first, second in pairwise(sorted(sizes)))

@@ -32,7 +32,7 @@ from graspless_pin.algorithms.joined_optimum import member_margins
 from graspless_pin.algorithms.options import SolveOptions
 from graspless_pin.algorithms.uncertain_members import members_of
 from graspless_pin.errors import ArgumentError, NoSolutionError
-from graspless_pin.problem.members import feedback_torques, joined, under_commands
+from graspless_pin.problem.members import feedback_torques, join_members, under_commands
 from graspless_pin.programs.objectives import Torque
 from graspless_pin.report import solution_document
 from graspless_pin.report.verify import verify_document
@@ -119,10 +119,10 @@ def test_members_in_conflict_are_served_without_any_one_of_them():
     problem = contacts_alone("paper/sphere_on_slope")
     found = minimize_torque(problem, 0.1, static_friction="coulomb", uncertainty=CORNERS)
     conflict = [found.members[number] for number in found.conflict]
-    assert not minimize_torque(joined(conflict), 0.1, static_friction="coulomb").found
+    assert not minimize_torque(join_members(conflict), 0.1, static_friction="coulomb").found
     for left_out in range(len(conflict)):
         fewer = [one for number, one in enumerate(conflict) if number != left_out]
-        assert minimize_torque(joined(fewer), 0.1, static_friction="coulomb").found
+        assert minimize_torque(join_members(fewer), 0.1, static_friction="coulomb").found
 
 
 @pytest.mark.parametrize(
@@ -261,7 +261,9 @@ def test_feedback_of_all_members_stays_within_the_largest_torque(at_once, monkey
         problem, 0.03, static_friction="coulomb", uncertainty=unknown, feedback=1.0
     )
     directions = feedback_torques(problem, np.ones(problem.joint_count))
-    together = minimize_torque(joined(found.members, directions), 0.03, static_friction="coulomb")
+    together = minimize_torque(
+        join_members(found.members, directions), 0.03, static_friction="coulomb"
+    )
     assert found.max_torque == pytest.approx(together.max_torque, rel=1e-5)
 
 
@@ -307,7 +309,7 @@ def test_more_members_than_are_solved_at_once_are_all_served(cone):
     unknown = Uncertainty(mass=0.1, center_of_mass=0.004, force=0.2, moment=0.01)
     found = minimize_torque(problem, 0.05, static_friction="coulomb", uncertainty=unknown)
     assert len(found.members) > len(found.contact_forces)
-    together = minimize_torque(joined(found.members), 0.05, static_friction="coulomb")
+    together = minimize_torque(join_members(found.members), 0.05, static_friction="coulomb")
     assert found.max_torque == pytest.approx(together.max_torque, rel=1e-5)
 
 

@@ -8,7 +8,7 @@ import pytest
 from cli_tools import EXAMPLES, LINES, PAPER, assert_refused, run, spoilt
 
 from graspless_pin import load_scene
-from graspless_pin.cli.simulate import simulated_words
+from graspless_pin.cli.simulate import simulation_summary
 from graspless_pin.simulation import SimulatedOutcome, simulate, video
 from graspless_pin.simulation.protocol import load_mujoco
 
@@ -52,7 +52,7 @@ def test_the_first_line_names_bodies_with_another_outcome():
     stiff, soft = found.runs
     assert found.outcome is stiff.outcome is SimulatedOutcome.HELD
     crept = replace(found, runs=(stiff, replace(soft, outcome=SimulatedOutcome.CREPT)))
-    first = simulated_words(scene, crept).splitlines()[0]
+    first = simulation_summary(scene, crept).splitlines()[0]
     assert first == "held: the object stays (soft bodies: crept)"
 
 
@@ -63,7 +63,7 @@ def test_the_first_line_names_bodies_that_bear_nothing_where_some_force_is_prove
     finger, *_ = scene.contacts.bodies
     left = {name: force for name, force in soft.normal_forces.items() if name != finger}
     lost = replace(found, runs=(stiff, replace(soft, normal_forces=left)))
-    first = simulated_words(scene, lost).splitlines()[0]
+    first = simulation_summary(scene, lost).splitlines()[0]
     assert first == f"held: the object stays; but in the end {finger} bears nothing (soft bodies)"
 
 

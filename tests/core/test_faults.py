@@ -32,7 +32,7 @@ from graspless_pin.algorithms.force_bounds import ContactForceBounds
 from graspless_pin.algorithms.options import SolveOptions, torque_objective
 from graspless_pin.algorithms.warm_search import reaches_margin, solve_from
 from graspless_pin.modes.rules import Rules
-from graspless_pin.programs.answers import Answer, failed
+from graspless_pin.programs.answers import Answer, failed_answer
 from graspless_pin.programs.objectives import Margin
 from graspless_pin.programs.program import Program
 from graspless_pin.solvers import Outcome, solve, solving
@@ -233,7 +233,9 @@ def failing(chosen: Callable[[int], bool]) -> Callable[..., Answer]:
     count = iter(range(10**9))
 
     def solved(program: Program, solver: str = "piqp", *, cutoff: float = np.inf) -> Answer:
-        return failed(-np.inf) if chosen(next(count)) else solve(program, solver, cutoff=cutoff)
+        return (
+            failed_answer(-np.inf) if chosen(next(count)) else solve(program, solver, cutoff=cutoff)
+        )
 
     return solved
 

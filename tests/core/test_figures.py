@@ -11,7 +11,7 @@ from scenes import rescaled, scene
 from graspless_pin import load_scene, maximize_margin, minimize_torque
 from graspless_pin.algorithms.force_bounds import contact_force_bounds
 from graspless_pin.report import scene_solution_text
-from graspless_pin.solution.tables import figure, shown
+from graspless_pin.solution.tables import decimals, figure
 
 
 @pytest.mark.parametrize(
@@ -30,12 +30,12 @@ from graspless_pin.solution.tables import figure, shown
     ],
 )
 def test_figures_beside_others(value, size, sign, text):
-    assert shown(value, size, sign) == text
+    assert decimals(value, size, sign) == text
 
 
 @given(st.floats(-1e9, 1e9), st.floats(1e-9, 1e9), st.sampled_from(["", "+"]))
 def test_a_figure_is_zero_or_has_digits(value, size, sign):
-    for text in (shown(value, size, sign), figure(value, size)):
+    for text in (decimals(value, size, sign), figure(value, size)):
         told = float(text)
         if abs(value) <= 1e-7 * size:
             assert text == "0"

@@ -10,7 +10,7 @@ from scenes import scene
 
 from graspless_pin import Margin, QuasistaticProblem, SolveOptions, Torque, TorqueShare, compiled
 from graspless_pin.algorithms.batch_optimum import LoadSweep
-from graspless_pin.algorithms.batch_programs import are_for
+from graspless_pin.algorithms.batch_programs import loops_cover
 from graspless_pin.algorithms.solve import solve_problem
 from graspless_pin.problem.cones import CONE_MODELS
 
@@ -138,8 +138,8 @@ def test_arrays_that_do_not_fit_are_refused(wrong):
 
 def test_loops_are_for_the_best_case_of_the_papers_programs():
     pyramid, margin, usual = CONE_MODELS["edges"], Margin(), SolveOptions()
-    assert are_for(pyramid, margin, usual)
-    assert not are_for(CONE_MODELS["round"], margin, usual)
-    assert not are_for(pyramid, Margin(regularization=1e-3), usual)
-    assert not are_for(pyramid, margin, SolveOptions.parse(stability="strong"))
-    assert not are_for(pyramid, margin, SolveOptions.parse(sign_rule="direction"))
+    assert loops_cover(pyramid, margin, usual)
+    assert not loops_cover(CONE_MODELS["round"], margin, usual)
+    assert not loops_cover(pyramid, Margin(regularization=1e-3), usual)
+    assert not loops_cover(pyramid, margin, SolveOptions.parse(stability="strong"))
+    assert not loops_cover(pyramid, margin, SolveOptions.parse(sign_rule="direction"))

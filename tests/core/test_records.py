@@ -31,7 +31,7 @@ PACKAGES = (
 )  # fmt: skip
 MUTABLE = {
     "CurveSearch", "ModeProver", "ModeOracle", "Proof", "RestWalk", "SearchState",
-    "TreeWalk", "UnprovenSet", "_Search", "_WarmState",
+    "TreeWalk", "UnprovenSet", "_TorqueSearch", "_WarmState",
 }  # fmt: skip
 """They gather what they find."""
 

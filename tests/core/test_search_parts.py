@@ -23,7 +23,7 @@ from graspless_pin.algorithms.mode_tree import ModePart, ModeTree
 from graspless_pin.algorithms.options import SolveOptions
 from graspless_pin.algorithms.search_state import SearchState
 from graspless_pin.modes.rules import Rules
-from graspless_pin.programs.answers import Answer, failed
+from graspless_pin.programs.answers import Answer, failed_answer
 from graspless_pin.programs.objectives import Margin, Torque
 from graspless_pin.solution.certificate import ContactSplit
 from graspless_pin.solvers import Outcome
@@ -88,12 +88,12 @@ def test_what_a_failed_node_may_hold_stays_in_the_bound(index, monkeypatch):
         def solve(state, lb, ub, number=number, calls=calls):
             if next(calls) == number:
                 state.unproven_bound = -np.inf
-                return failed(-np.inf)
+                return failed_answer(-np.inf)
             return honest(state, lb, ub)
 
         monkeypatch.setattr(SearchState, "solve", solve)
         # A guess would find the best mode before the search does.
-        monkeypatch.setattr(searching, "_guess", lambda *_: None)
+        monkeypatch.setattr(searching, "_try_guessed_modes", lambda *_: None)
         state = state_of(problem)
         status = branch_and_bound(state)
         bound = state.bound * state.formulation.signed_unit

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from graspless_pin.programs import answers
-from graspless_pin.programs.active_set import active_set_of, solved_on
-from graspless_pin.programs.active_set_polish import polished
+from graspless_pin.programs.active_set import active_set_of, optimum_on_active_set
+from graspless_pin.programs.active_set_polish import polished_answer
 from graspless_pin.programs.answers import (
     UNREACHED,
     checked_answer,
@@ -89,7 +89,7 @@ def test_a_violation_that_no_point_avoids_is_a_proof_if_it_is_larger_than_roundi
     apart, proof, monkeypatch
 ):
     # Otherwise the point would be put right to within the tolerance.
-    monkeypatch.setattr(answers, "polished", lambda *_: None)
+    monkeypatch.setattr(answers, "polished_answer", lambda *_: None)
     one = program(rows=((1.0, -np.inf, -apart),))
 
     def backend(asked: Program):
@@ -138,7 +138,7 @@ def test_active_constraints_that_contradict_each_other_by_a_hair_are_not_carried
     assert len(near.rows) == 2
     for apart, exact in ((1e-9, True), (4e-9, False), (1e-8, False), (1e-7, False)):
         other = program(rows=((1.0, 0.0, np.inf), (1.0, -np.inf, -apart)), bounds=(-1.0, 1.0))
-        assert (solved_on(other, near, np.inf) is not None) == exact
+        assert (optimum_on_active_set(other, near, np.inf) is not None) == exact
 
 
 def vertex(seed: int, *, apart: float | None = None) -> tuple[Program, np.ndarray, tuple]:
@@ -170,7 +170,7 @@ def test_an_answer_near_the_optimum_is_brought_to_rounding(apart):
         one, optimum, (y, z) = vertex(seed, apart=apart)
         rng = np.random.default_rng(seed)
         rough = z + 1e-6 * rng.normal(size=16) * (z > 0.0)
-        found = polished(one, (optimum + 1e-6 * rng.normal(size=8), y + 1e-6, rough))
+        found = polished_answer(one, (optimum + 1e-6 * rng.normal(size=8), y + 1e-6, rough))
         assert found is not None
         bound, value, residual = one.assess(*found)
         assert residual <= 2e-15
@@ -187,7 +187,7 @@ def test_multipliers_between_rows_that_say_the_same_take_nothing_from_a_proof(si
     assert proven_answer(twice, found, "", np.inf).outcome is (
         Outcome.SOLVED if size * off < 1e-7 else Outcome.FAILED
     )
-    nearer = polished(twice, found)
+    nearer = polished_answer(twice, found)
     assert nearer is not None
     assert proven_answer(twice, nearer, "", np.inf).outcome is Outcome.SOLVED
     bound, value, _ = twice.assess(*nearer)
@@ -204,7 +204,7 @@ def test_multipliers_that_cancel_but_for_a_variable_at_its_limit_take_nothing_fr
     beside = replace(one, A=A, b=np.append(one.b, one.b[0] + 0.5 * held + off), ub=upper)
     found = optimum, np.append(y + np.array([size, 0.0, 0.0]), -size), z
     assert proven_answer(beside, found, "", np.inf).outcome is Outcome.FAILED
-    nearer = polished(beside, found)
+    nearer = polished_answer(beside, found)
     assert nearer is not None
     assert proven_answer(beside, nearer, "", np.inf).outcome is Outcome.SOLVED
 
@@ -223,7 +223,7 @@ def test_rows_that_pass_by_an_optimum_are_told_from_those_that_hold_it(near, see
     one = replace(one, u=upper)
     rough = np.maximum(z + 3e-3 * rng.normal(size=16) * (z > 0.1), 0.0)
     near_by = optimum + 1e-6 * rng.normal(size=8), y + 3e-3 * rng.normal(size=3), rough
-    found = polished(one, near_by)
+    found = polished_answer(one, near_by)
     assert found is not None
     bound, value, residual = one.assess(*found)
     assert residual <= 1e-9

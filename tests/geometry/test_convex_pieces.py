@@ -53,7 +53,7 @@ def forbid(patch: pytest.MonkeyPatch) -> None:
     def cut(*_: object) -> None:
         raise AssertionError("cut again")
 
-    patch.setattr(decomposition, "_cut", cut)
+    patch.setattr(decomposition, "_cut_pieces", cut)
 
 
 def pretend(patch: pytest.MonkeyPatch, *pieces: np.ndarray) -> list[int]:
@@ -64,7 +64,7 @@ def pretend(patch: pytest.MonkeyPatch, *pieces: np.ndarray) -> list[int]:
         cuts.append(1)
         return [piece.copy() for piece in pieces]
 
-    patch.setattr(decomposition, "_cut", cut)
+    patch.setattr(decomposition, "_cut_pieces", cut)
     return cuts
 
 

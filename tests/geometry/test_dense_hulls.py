@@ -74,7 +74,9 @@ def test_a_dense_mesh_is_cut_with_fewer_triangles_and_says_how_far_they_are_off(
     given: list[trimesh.Trimesh] = []
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     monkeypatch.setattr(
-        decomposition, "_cut", lambda solid, *_: [given.append(solid), np.array(solid.vertices)][1:]
+        decomposition,
+        "_cut_pieces",
+        lambda solid, *_: [given.append(solid), np.array(solid.vertices)][1:],
     )
     with capture() as told:
         for _ in range(2):  # it is said of pieces that are kept, too

@@ -75,7 +75,7 @@ def test_a_link_is_its_hull_unless_asked_otherwise(urdf, monkeypatch):
     def cut(*_: object) -> None:
         raise AssertionError("cut")
 
-    monkeypatch.setattr(decomposition, "_cut", cut)
+    monkeypatch.setattr(decomposition, "_cut_pieces", cut)
     assert names(hook(urdf)) == {"hook": 1}
     assert names(hook(urdf, LinkMeshes({"hook": "hull"}))) == {"hook": 1}
     (touch,) = find_contacts(

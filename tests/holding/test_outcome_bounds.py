@@ -19,7 +19,7 @@ from graspless_pin.holding.bounds import (
     OutcomeBounds,
     States,
     closing_tolerance,
-    least_along,
+    least_products,
     outcome_bound,
 )
 from graspless_pin.holding.dynamics import without_free_joints
@@ -136,7 +136,9 @@ def test_the_least_product_with_an_arc_is_that_of_many_directions() -> None:
     share = np.linspace(-1.0, 1.0, 20001)
     angles = center[:, None] + width[:, None] * share
     products = vectors[:, :1] * np.cos(angles) + vectors[:, 1:] * np.sin(angles)
-    np.testing.assert_allclose(least_along(vectors, center, width), products.min(axis=1), atol=1e-6)
+    np.testing.assert_allclose(
+        least_products(vectors, center, width), products.min(axis=1), atol=1e-6
+    )
 
 
 @pytest.mark.sampled(4)

@@ -114,8 +114,10 @@ def test_all_joints_behind_a_contact_are_held_where_they_are_several(
         joint_names=None, joint_units=None, torque_limits=(0.0, 1.0), gravity_torques=None,
     )  # fmt: skip
     tried = list[str]()
-    monkeypatch.setattr(changes_that_hold, "_tried", lambda _, words, __: tried.append(words))
-    monkeypatch.setattr(changes_that_hold, "_smallest", lambda *_: None)
+    monkeypatch.setattr(
+        changes_that_hold, "_verified_change", lambda _, words, __: tried.append(words)
+    )
+    monkeypatch.setattr(changes_that_hold, "_smallest_change", lambda *_: None)
     assert what_would_hold(problem, np.zeros(columns), node_limit=1).changes == ()
     held = [words for words in tried if "control" in words]
     each = [f"joint joint_{k + 1} under position control" for k in range(columns)]
@@ -133,8 +135,8 @@ def test_the_smallest_change_is_found_by_halving_from_none_at_all(
         tried.append(size)
         return words if size >= least else None
 
-    monkeypatch.setattr(changes_that_hold, "_tried", holds)
-    smallest: Any = changes_that_hold._smallest  # of numbers instead of changed problems
+    monkeypatch.setattr(changes_that_hold, "_verified_change", holds)
+    smallest: Any = changes_that_hold._smallest_change  # of numbers instead of changed problems
     found = smallest(lambda size: size, (0.5, 1.0), str, 1)
     assert least <= float(str(found)) <= least + 0.02
     assert min(tried) > 0.0

@@ -13,7 +13,7 @@ from graspless_pin.algorithms.options import SolveOptions, torque_objective
 from graspless_pin.algorithms.solve import solve_problem
 from graspless_pin.algorithms.warm_search import WarmStart, solve_from
 from graspless_pin.modes.rules import Rules
-from graspless_pin.programs.active_set import active_set_of, solved_on
+from graspless_pin.programs.active_set import active_set_of, optimum_on_active_set
 from graspless_pin.programs.objectives import Margin
 from graspless_pin.solvers import Outcome, solve
 
@@ -57,7 +57,7 @@ def test_what_is_carried_over_is_what_a_solver_finds(seed, contacts, slope, size
     near = active_set_of(first, answer)
     assert near is not None
     # As `solve` has it: a bound above all that the box allows counts as infeasible.
-    found = solved_on(second, near, second.cutoff)
+    found = optimum_on_active_set(second, near, second.cutoff)
     if found is None:
         return
     known, onward = found
@@ -77,7 +77,7 @@ def test_what_is_carried_over_is_what_a_solver_finds(seed, contacts, slope, size
     assert np.abs(second.A @ x - second.b).max() <= 1e-7
     assert (second.G @ x <= second.u + 1e-7).all()
     assert (second.G @ x >= second.l - 1e-7).all()
-    again = solved_on(second, onward, np.inf)
+    again = optimum_on_active_set(second, onward, np.inf)
     assert again is not None
     np.testing.assert_allclose(again[0].x, x, atol=1e-7)
 
@@ -95,7 +95,7 @@ def test_a_little_further_the_same_constraints_are_mostly_active(kind, algorithm
             near = active_set_of(first, answer)
             assert near is not None
             tried += 1
-            found = solved_on(second, near, np.inf)
+            found = optimum_on_active_set(second, near, np.inf)
             if found is not None:
                 carried_over += 1
                 x = found[0].x
@@ -110,7 +110,7 @@ def test_an_optimum_above_the_cutoff_proves_that_nothing_is_below_it():
     answer = solve(first)
     near = active_set_of(first, answer)
     assert near is not None
-    found = solved_on(second, near, answer.value - 1e-3)
+    found = optimum_on_active_set(second, near, answer.value - 1e-3)
     assert found is not None
     assert found[0].outcome is Outcome.INFEASIBLE
     assert found[0].bound == pytest.approx(answer.value, abs=1e-4)
@@ -121,9 +121,9 @@ def test_nothing_is_carried_over_to_a_program_of_another_size_or_a_quadratic_one
     near = active_set_of(first, solve(first))
     assert near is not None
     other = relaxations(1, 7, 1e-6, OBJECTIVES["margin"])[0]
-    assert solved_on(other, near, np.inf) is None
+    assert optimum_on_active_set(other, near, np.inf) is None
     quadratic = relaxations(1, 6, 1e-6, Margin(1e-3))[0]
-    assert solved_on(quadratic, near, np.inf) is None
+    assert optimum_on_active_set(quadratic, near, np.inf) is None
     assert active_set_of(quadratic, solve(quadratic)) is None
 
 

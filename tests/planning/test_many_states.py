@@ -172,7 +172,7 @@ def test_processes_find_the_same_and_go_on_after_one_died():
     one = {name: of[:1] for name, of in states.items()}
     state = many_states.checked_states(solver.configurations, **one)
     with pytest.raises(CrashError):
-        many_states.gathered(end_the_process, solver, state, 2, None)
+        many_states.computed_arrays(end_the_process, solver, state, 2, None)
     feasible = evaluator.are_feasible(**states, margin=margin, workers=2)
     np.testing.assert_array_equal(feasible, here.margins >= margin)
     with pytest.raises(ArgumentError, match=r"unknown joint 'thumb'"):
@@ -206,7 +206,7 @@ def test_processes_are_used_where_they_pay(monkeypatch, seconds, count, used):
     monkeypatch.setattr(many_states, "usable_cores", lambda: 4)
     monkeypatch.setattr(many_states, "_found_by_processes", processes)
     states = many_states.StateArrays(count, {"q": np.zeros((count, 1))}, {})
-    (found,) = many_states.gathered(compute, cast("StateSolver", None), states, None, None)
+    (found,) = many_states.computed_arrays(compute, cast("StateSolver", None), states, None, None)
     assert len(found) == count
     assert asked == ([] if used == 1 else [(500, used)])
 

@@ -20,7 +20,7 @@ from graspless_pin.geometry.bodies.shapes import Box, HalfSpace, MeshShape, Sphe
 from graspless_pin.geometry.hand.assembly import Mount
 from graspless_pin.geometry.hand.model import displaced_hand
 from graspless_pin.geometry.poses import invert, pose_matrix
-from graspless_pin.geometry.posing.closing import back_until_free, centering_shift, shortfall
+from graspless_pin.geometry.posing.closing import centering_shift, retraction_distance, shortfall
 from graspless_pin.geometry.posing.opposing import fingers_that_close, opposing_postures
 from graspless_pin.geometry.robots.files import describe_urdf
 from graspless_pin.planning import (
@@ -30,7 +30,7 @@ from graspless_pin.planning import (
     placing,
     placing_candidates,
 )
-from graspless_pin.planning.placing_candidates import squeezed
+from graspless_pin.planning.placing_candidates import can_squeeze
 from graspless_pin.planning.placing_plan import PlacingAim
 
 FINGER = """
@@ -314,7 +314,7 @@ def test_an_object_too_heavy_to_be_carried_is_still_gripped(gripper: Hand) -> No
 def test_two_bodies_squeeze_where_their_forces_balance(normals, friction, bodies, expected) -> None:
     normals = np.array(normals, dtype=float)
     problem = QuasistaticProblem(-0.03 * normals, normals, np.zeros(6), friction=friction)
-    assert squeezed(problem, tuple(bodies)) is expected
+    assert can_squeeze(problem, tuple(bodies)) is expected
 
 
 def test_every_candidate_is_accounted_for(found) -> None:
@@ -486,10 +486,10 @@ def test_jaws_meet_in_their_middle_and_open_apart(gripper: Hand) -> None:
 def test_an_open_hand_backs_off_as_far_as_it_must() -> None:
     ball = ManipulatedObject.from_shape("ball", Sphere(0.03), np.eye(4), mass=1.0).placed_bodies
     table = Support("table", HalfSpace(), np.eye(4)).placed_bodies
-    back, last = back_until_free(ball, [(table, 0.01)], DOWN, 1.0)
+    back, last = retraction_distance(ball, [(table, 0.01)], DOWN, 1.0)
     assert back == pytest.approx(0.04, abs=1e-6) and last == 0
-    assert back_until_free(ball, [(table, 0.01)], DOWN, 0.02) == (None, 0)
-    assert back_until_free(ball, [(table, 0.01)], np.array([1.0, 0.0, 0.0]), 0.5)[0] is None
+    assert retraction_distance(ball, [(table, 0.01)], DOWN, 0.02) == (None, 0)
+    assert retraction_distance(ball, [(table, 0.01)], np.array([1.0, 0.0, 0.0]), 0.5)[0] is None
     assert shortfall(ball, table, 0.0) == pytest.approx(0.03, abs=1e-6)
 
 

@@ -12,7 +12,7 @@ from tests.cli.cli_tools import PAPER, run
 from graspless_pin import Scene, Stability, StabilityVerdict, Status, TorqueSolution, load_scene
 from graspless_pin.holding.verdict import DualBound, OutcomeSet
 from graspless_pin.report import solution_document
-from graspless_pin.report.document import accepted
+from graspless_pin.report.document import with_proven_claims
 from graspless_pin.report.verify import verify_document
 from graspless_pin.solution.certificate import ModeProof, SolutionProof
 
@@ -50,12 +50,12 @@ def doubled(one: OutcomeSet) -> OutcomeSet:
 
 def test_what_is_proven_stays(scene, best, strong):
     assert strong.status is Stability.STRONG
-    assert accepted(best, scene, strong) == (best, strong)
-    assert accepted(best, scene) == (best, None)
+    assert with_proven_claims(best, scene, strong) == (best, strong)
+    assert with_proven_claims(best, scene) == (best, None)
 
 
 def test_an_optimum_whose_proof_does_not_close_is_the_best_found(scene, best, strong):
-    told, verdict = accepted(unproven(best), scene, strong)
+    told, verdict = with_proven_claims(unproven(best), scene, strong)
     assert told.status is Status.LIMIT_REACHED
     assert verdict is strong
     assert told.margin == best.margin
@@ -72,7 +72,7 @@ def test_a_verdict_whose_proof_does_not_hold_is_undecided(scene, best):
         proof = replace(verdict.proof, forces=0.5 * verdict.proof.forces)
     else:
         proof = replace(verdict.proof, tree=doubled(verdict.proof.tree))
-    told, less = accepted(torque, scene, replace(verdict, proof=proof))
+    told, less = with_proven_claims(torque, scene, replace(verdict, proof=proof))
     assert told is torque
     assert less is not None
     assert less.status is Stability.UNDECIDED
@@ -82,7 +82,7 @@ def test_a_verdict_whose_proof_does_not_hold_is_undecided(scene, best):
 
 def test_an_answer_that_fails_its_check_is_none(scene, best, strong):
     forged: Any = replace(best, _forces=1.1 * best.contact_forces)
-    told, _ = accepted(forged, scene, strong)
+    told, _ = with_proven_claims(forged, scene, strong)
     assert told.status is Status.UNVERIFIED
     assert "balance of forces" in told.explanation
 
@@ -90,8 +90,8 @@ def test_an_answer_that_fails_its_check_is_none(scene, best, strong):
 def test_an_infeasibility_that_is_not_proven_is_not_said(scene):
     none = scene.solve("torque", margin=30.0)
     assert none.status is Status.INFEASIBLE_FORCES
-    assert accepted(none, scene) == (none, None)
-    assert accepted(unproven(none), scene)[0].status is Status.UNVERIFIED
+    assert with_proven_claims(none, scene) == (none, None)
+    assert with_proven_claims(unproven(none), scene)[0].status is Status.UNVERIFIED
 
 
 def test_the_command_line_says_so(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

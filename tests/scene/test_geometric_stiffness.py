@@ -15,7 +15,7 @@ from test_minimum_stiffness import G, ball, standing
 
 from graspless_pin import MinimumStiffness, Scene, load_scene, minimum_stiffness
 from graspless_pin.errors import SceneError
-from graspless_pin.geometry.posing.finger_joints import bent_hand
+from graspless_pin.geometry.posing.finger_joints import hand_with_moved_actuators
 from graspless_pin.scene import Acceleration, Load
 
 STEP = 1e-5
@@ -27,7 +27,7 @@ def moved(scene: Scene, change: np.ndarray) -> Scene:
     T[:3, :3] = Rotation.from_rotvec(change[3:6]).as_matrix() @ T[:3, :3]
     center = scene.object.center_of_mass_world + change[:3]
     T[:3, 3] = center - T[:3, :3] @ scene.object.center_of_mass
-    hand = None if scene.hand is None else bent_hand(scene.hand, change[6:])
+    hand = None if scene.hand is None else hand_with_moved_actuators(scene.hand, change[6:])
     return scene.with_changes(object=scene.object.with_pose(T), hand=hand)
 
 

@@ -8,7 +8,7 @@ from tests.scene.scene_tools import EXAMPLES
 
 from graspless_pin import Controller, Scene, load_scene, maximize_margin
 from graspless_pin.errors import ArgumentError
-from graspless_pin.geometry.posing.finger_joints import bent_hand
+from graspless_pin.geometry.posing.finger_joints import hand_with_moved_actuators
 from graspless_pin.simulation import simulate
 from graspless_pin.simulation.model import SOFT, STIFF, simulation_model
 
@@ -33,7 +33,9 @@ def test_gaps_are_closed_by_joints_where_they_can() -> None:
     assert aside.hand is not None
     change = dict(zip(model.joints, model.closing, strict=True))
     turned = np.array([change.get(name, 0.0) for name in aside.problem().joint_names])
-    closed = aside.with_changes(object=model.object, hand=bent_hand(aside.hand, turned))
+    closed = aside.with_changes(
+        object=model.object, hand=hand_with_moved_actuators(aside.hand, turned)
+    )
     assert max(abs(point.distance) for point in closed.contacts.points) < 5e-6
 
 

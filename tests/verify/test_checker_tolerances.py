@@ -190,10 +190,10 @@ def test_a_unit_without_limits_but_zero_is_held_to_the_load():
     problem = limited([0.0, 0.0, -1.0], [0.0, 0.0, 1.0])
     lower, upper = tolerances.torque_limits(problem)
     np.testing.assert_allclose([lower, upper], 1e-6, rtol=1e-12)
-    assert tolerances.resolved(problem)
+    assert tolerances.are_limits_resolved(problem)
 
 
 def test_a_load_of_more_than_a_million_limits_cannot_be_told():
-    assert tolerances.resolved(limited([-1e-6] * 3, [1e-6] * 3))
-    assert not tolerances.resolved(limited([-0.9e-6] * 3, [0.9e-6] * 3))
-    assert tolerances.resolved(limited([-0.9e-6] * 3, [0.9e-6] * 3, load=0.5))
+    assert tolerances.are_limits_resolved(limited([-1e-6] * 3, [1e-6] * 3))
+    assert not tolerances.are_limits_resolved(limited([-0.9e-6] * 3, [0.9e-6] * 3))
+    assert tolerances.are_limits_resolved(limited([-0.9e-6] * 3, [0.9e-6] * 3, load=0.5))

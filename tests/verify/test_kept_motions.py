@@ -19,7 +19,12 @@ from rest_documents import (
 from tests.oracles.kept_cases import kept_problem
 
 from graspless_pin import stability
-from graspless_pin.report.verify.rest_bounds import Kind, KnownStates, RestMultipliers, kept_goal
+from graspless_pin.report.verify.rest_bounds import (
+    Kind,
+    KnownStates,
+    RestMultipliers,
+    declared_motion_bound,
+)
 
 
 @pytest.mark.parametrize("goals", [range(1, 13), [0]])
@@ -93,7 +98,9 @@ def test_bounds_hold_for_what_happens(number):
             np.zeros(len(y)), size * rng.normal(size=len(f)), size * rng.normal(size=(len(f), 2))
         )
         goal = rng.normal(size=y.shape)
-        bound = kept_goal(dynamics, states, multipliers, goal, 1.01 * float(f[:, 0].max()))
+        bound = declared_motion_bound(
+            dynamics, states, multipliers, goal, 1.01 * float(f[:, 0].max())
+        )
         assert bound >= goal @ y - 1e-7 * (1.0 + size)
         tight = min(tight, bound - goal @ y)
     assert tight < 5.0
@@ -120,4 +127,4 @@ def test_frictions_that_take_each_other_away_bound_no_outcome_away():
     tangential[3:, 0] = 1e20, -1e20
     multipliers = RestMultipliers(motion, normal, tangential)
     # The block slides on as it does, and nothing accelerates.
-    assert kept_goal(dynamics, states, multipliers, np.zeros(8), 10.0) >= 0.0
+    assert declared_motion_bound(dynamics, states, multipliers, np.zeros(8), 10.0) >= 0.0

@@ -35,7 +35,7 @@ from graspless_pin.report.verify.rest_bounds import (
     largest_goal,
 )
 from graspless_pin.report.verify.rest_load import read_load
-from graspless_pin.report.verify.rest_tree import RestNode, uncovered
+from graspless_pin.report.verify.rest_tree import RestNode, uncovered_states
 
 
 @pytest.mark.parametrize(
@@ -363,7 +363,7 @@ def test_arcs_of_slip_cover_each_direction(seed):
     directions = center + np.linspace(-half_width, half_width, 5001)
     away = np.abs((directions[:, None] - middles + np.pi) % (2.0 * np.pi) - np.pi)
     covered = bool((away.min(axis=1) <= half + 1e-9).all())
-    assert uncovered(children, known, np.array([False])) == (
+    assert uncovered_states(children, known, np.array([False])) == (
         "" if covered else "arcs of slip are left out"
     )
 
@@ -386,10 +386,10 @@ def test_arcs_of_slip_cover_each_direction(seed):
 def test_a_split_leaves_out_no_state(known, kinds, why):
     states = KnownStates.unknown(1).changed(0, known, (0.0, np.pi))
     children = [of_contact(kind) for kind in kinds]
-    assert uncovered(children, states, np.array([False])) == why
+    assert uncovered_states(children, states, np.array([False])) == why
     # A contact that a finger presses is never open.
     if known == Kind.FREE and Kind.SLIPPING in kinds:
-        assert uncovered(children, states, np.array([True])) == ""
+        assert uncovered_states(children, states, np.array([True])) == ""
 
 
 def test_claims_without_a_proof_are_not_proven():

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from graspless_pin import Stability, load_scene
-from graspless_pin.geometry.posing.finger_joints import bent_hand
+from graspless_pin.geometry.posing.finger_joints import hand_with_moved_actuators
 from graspless_pin.holding.verdict import ContactState, DynamicOutcome
 from graspless_pin.visualization import Role, draw_scene
 from graspless_pin.visualization.drawing import object_radius
@@ -52,7 +52,9 @@ def test_links_go_where_forward_kinematics_has_them():
     scene = load_scene(EXAMPLES / "box_between_walls.yaml")
     moving = draw_motion(scene.problem(), motion, scene=scene)
     assert scene.hand is not None
-    bent = bent_hand(scene.hand, 0.5 * moving.times[-1] ** 2 * motion.joint_accelerations)
+    bent = hand_with_moved_actuators(
+        scene.hand, 0.5 * moving.times[-1] ** 2 * motion.joint_accelerations
+    )
     for link in ("right/tip", "left/tip"):
         (mesh,) = (m for m in moving.picture.of(Role.HAND) if m.name.split("/", 2)[2] == link)
         there = moving.paths[moving.path_of[mesh.name]][-1] @ scene.hand.pose_of(link)
@@ -104,7 +106,7 @@ def test_a_small_motion_grows_to_its_end():
     np.testing.assert_allclose(
         turns, np.outer(whole * grown / grown[-1], small.motion[3:6]), atol=1e-9
     )
-    bent = bent_hand(scene.hand, whole * small.motion[6:])
+    bent = hand_with_moved_actuators(scene.hand, whole * small.motion[6:])
     link = scene.contacts.bodies[0]
     (mesh, *_) = (m for m in moving.picture.of(Role.HAND) if m.name.split("/", 2)[2] == link)
     there = moving.paths[moving.path_of[mesh.name]][-1] @ scene.hand.pose_of(link)

@@ -30,7 +30,7 @@ from graspless_pin.viewer.panels import (
     torque_html,
     verdict_html,
 )
-from graspless_pin.viewer.scene_process import came_and_went, with_region, with_verdict
+from graspless_pin.viewer.scene_process import contact_changes_text, with_region, with_verdict
 from graspless_pin.visualization import Role
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
@@ -255,15 +255,15 @@ def test_it_is_said_which_contacts_came_and_went(allegro):
     first = answer_settings(allegro, initial_settings(allegro))
     lifted = answer_settings(allegro, Settings(Algorithm.MARGIN, 0.1, {"object/z": 1.5}))
     assert first.bodies is not None and lifted.bodies is not None
-    said = came_and_went(first.bodies, lifted.bodies)
+    said = contact_changes_text(first.bodies, lifted.bodies)
     assert said == "4 contacts gone: slope (4)"
-    back = came_and_went(lifted.bodies, first.bodies)
+    back = contact_changes_text(lifted.bodies, first.bodies)
     assert back == said.replace(" gone: ", " new: ")
     assert (
-        came_and_went(["a", "b", "b"], ["b", "c"])
+        contact_changes_text(["a", "b", "b"], ["b", "c"])
         == "2 contacts gone: a (1), b (1); 1 contact new: c (1)"
     )
-    assert came_and_went(["a", "b"], ["b", "a"]) == ""
+    assert contact_changes_text(["a", "b"], ["b", "a"]) == ""
 
 
 def test_unknown_controls_and_values_are_refused(allegro):

@@ -39,7 +39,7 @@ from graspless_pin.problem.members import (
     Corner,
     Member,
     feedback_torques,
-    joined,
+    join_members,
     motions_keeping_contact,
 )
 from graspless_pin.programs.objectives import Objective, Torque
@@ -138,7 +138,7 @@ def smaller_conflict(failed: RobustSolution, share: float) -> list[Member]:
 def _is_conflict_refuted(failed: RobustSolution, share: float) -> bool:
     """Whether the members stay in conflict with all deviations times a share."""
     directions = feedback_torques(failed.members[0].problem, failed.feedback)
-    together = joined(smaller_conflict(failed, share), directions)
+    together = join_members(smaller_conflict(failed, share), directions)
     found = solve_problem(together, failed.solution.objective, _COULOMB)
     return found.status is Status.INFEASIBLE_FORCES
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from graspless_pin.algorithms.batch_programs import (
     ProgramStructure,
-    are_for,
+    loops_cover,
     loops_of,
     may_begin,
     structure_of,
@@ -222,7 +222,7 @@ def _optima_found(
 def _cold_loops(problem: QuasistaticProblem, objective: Objective, options: SolveOptions) -> Any:
     """Return the loops for the structure of a problem; None: they do not cover it."""
     # They assume one free object.
-    if problem.wrench_matrix is not None or not are_for(problem.cone_model, objective, options):
+    if problem.wrench_matrix is not None or not loops_cover(problem.cone_model, objective, options):
         return None
     return loops_of("ColdOptima", structure_of(problem), objective, problem.joint_units)
 
@@ -331,7 +331,7 @@ class LoadSweep:
 
         Args:
             problem: The problem of one of the states; its cones are pyramids.
-            objective: What is optimised; `are_for` tells whether loops cover it.
+            objective: What is optimised; `loops_cover` tells whether loops cover it.
             options: How problems are solved.
             only_load_changes: Whether states differ in their load alone. The optimal bases of
                 earlier states then stay dual feasible, and the simplex method goes on from them.

@@ -22,7 +22,7 @@ from graspless_pin.problem.checks import FloatArray, JointUnit, read_only
 from graspless_pin.problem.cone_model import ConeModel, Section
 from graspless_pin.problem.scales import LEAST_DIFFERENCE, LEAST_LEVER, LEAST_LIMIT, MOST_STRICT
 from graspless_pin.programs.active_set import CORRECTIONS, DAMPING, EXACT
-from graspless_pin.programs.forces import ForceLayout, face_rows, layout_of, reach_of
+from graspless_pin.programs.forces import ForceLayout, face_rows, layout_of, unit_force_bounds
 from graspless_pin.programs.objectives import Margin, Objective, Torque, TorqueShare
 from graspless_pin.programs.program import FARTHEST
 from graspless_pin.solvers import ANY_SOLVER, PRIMAL_TOLERANCE
@@ -38,7 +38,7 @@ class ProgramStructure:
     Attributes:
         layout: Layout of the force coordinates.
         face_count: Number of side faces of all cones.
-        reach: (2, n) see `reach_of`.
+        reach: (2, n) see `unit_force_bounds`.
         sides: (n + 1, s) transposed rows x + e of faces, n^T f + e and, without a cone, -n^T f + e.
         friction: (M,) coefficients.
         section: The regular section of their cones.
@@ -87,7 +87,7 @@ def _structure(mask: bytes, friction: bytes, section: Section) -> ProgramStructu
     sides = np.ones((sum(map(len, parts)), n + 1), order="F")
     sides[:, :-1] = np.concatenate(parts)
     return ProgramStructure(
-        layout, len(cones.rows), reach_of(mask, friction), read_only(sides.T),
+        layout, len(cones.rows), unit_force_bounds(mask, friction), read_only(sides.T),
         read_only(np.frombuffer(friction)), section,
     )  # fmt: skip
 
@@ -103,7 +103,7 @@ def may_begin(problem: QuasistaticProblem, options: SolveOptions) -> bool:
     )
 
 
-def are_for(cone: ConeModel, objective: Objective, options: SolveOptions) -> bool:
+def loops_cover(cone: ConeModel, objective: Objective, options: SolveOptions) -> bool:
     """Return whether loops cover the cones, the objective and the options."""
     return not (
         core is None

@@ -75,7 +75,7 @@ def branch_and_bound(state: SearchState) -> Status:
     return status
 
 
-def _guess(state: SearchState, answer: Answer) -> None:
+def _try_guessed_modes(state: SearchState, answer: Answer) -> None:
     """Try feasible modes near the friction of an answer, whose optima are often as good.
 
     An interior-point optimum has friction everywhere, so where many forces are optimal, a feasible
@@ -110,7 +110,7 @@ def _keep_or_split(
             return fathomed
         found = None
     elif state.modes_examined % _GUESS_EVERY == 1:
-        _guess(state, answer)
+        _try_guessed_modes(state, answer)
         if state.closed(answer.bound):
             return fathomed
     # The signs that the part fixes may exclude its modes where the friction alone does not.

@@ -26,7 +26,7 @@ from graspless_pin.problem.checks import units_text
 from graspless_pin.programs.objectives import Algorithm, Margin, Objective
 from graspless_pin.records import Brief, Record
 from graspless_pin.solution import UNDECIDED, TorqueSolution
-from graspless_pin.solution.tables import Table, shown, torque_size
+from graspless_pin.solution.tables import Table, decimals, torque_size
 from graspless_pin.tree_search import Limits
 
 
@@ -63,7 +63,7 @@ class RuleComparison(Record, Brief):
             cones = "" if own.cone == problem.cone else own.cone_model.words(own.cone_edges)
             if solution.found:
                 size = torque_size(problem, solution.torques)
-                figures = shown(solution.margin, force), shown(solution.max_torque, size)
+                figures = decimals(solution.margin, force), decimals(solution.max_torque, size)
                 rows.append([name, *figures, cones])
             else:
                 rows.append([name, "-", "-", solution.status.message])

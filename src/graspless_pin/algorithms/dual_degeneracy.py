@@ -293,7 +293,7 @@ class OptimalSet:
         )
 
 
-def agreeing(values: FloatArray, *others: FloatArray) -> NDArray[np.bool_]:
+def agreeing_entries(values: FloatArray, *others: FloatArray) -> NDArray[np.bool_]:
     """Return a mask of the entries that are the same in arrays of one quantity, read-only.
 
     Entries that differ may be arbitrarily large and do not count in the scale of the others.

@@ -30,7 +30,7 @@ from graspless_pin.programs.forces import component_row, force_rows
 from graspless_pin.programs.program import FARTHEST
 from graspless_pin.records import Brief
 from graspless_pin.solution import FOUND, Status
-from graspless_pin.solution.tables import Table, brief_figure, force_rounding, paragraph, shown
+from graspless_pin.solution.tables import Table, brief_figure, decimals, force_rounding, paragraph
 from graspless_pin.solvers import Outcome, solve
 from graspless_pin.tree_search import Limits, TreeSearch
 
@@ -416,7 +416,7 @@ class ContactForceBounds(Brief):
     def _range_text(self, contact: int, component: int, rounding: float) -> str:
         at, load = (contact, component), self.problem.scales.force
         mark = "" if self.proven[at] else _REACHED
-        ends = (shown(float(one[at]), load, "+", rounding) for one in (self.lower, self.upper))
+        ends = (decimals(float(one[at]), load, "+", rounding) for one in (self.lower, self.upper))
         return f"{' .. '.join(ends)}{mark}"
 
     def _margins_text(self) -> str:

@@ -21,7 +21,7 @@ from graspless_pin.algorithms.dual_degeneracy import (
     DERIVATIVE_ROUNDING,
     OptimalPoint,
     OptimalSet,
-    agreeing,
+    agreeing_entries,
 )
 from graspless_pin.algorithms.optimization import maximize_margin
 from graspless_pin.algorithms.options import SolveKeywords
@@ -31,7 +31,7 @@ from graspless_pin.bounds import SMALLEST
 from graspless_pin.errors import ArgumentError, NoSolutionError
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, read_only, real_number
-from graspless_pin.problem.members import feedback_torques, joined
+from graspless_pin.problem.members import feedback_torques, join_members
 from graspless_pin.programs.builder import Marginals
 from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.records import Brief
@@ -204,7 +204,7 @@ def optimum_gradients(solution: TorqueSolution) -> OptimumGradients:
     values = gradients_at(solution, point)
     others = [gradients_at(solution, other) for other in alternatives]
     unique = {
-        item.name: agreeing(
+        item.name: agreeing_entries(
             getattr(values, item.name), *(getattr(other, item.name) for other in others)
         )
         for item in fields(Gradients)
@@ -443,7 +443,7 @@ def uncertainty_gradients(robust: RobustSolution) -> UncertaintyGradients:
                     figures[... if place is None else place] *= times
                 return figures
 
-            return joined(
+            return join_members(
                 [scaled_member(one, weight, uncertainty, scaled) for one in members], directions
             )
 
@@ -464,7 +464,7 @@ def uncertainty_gradients(robust: RobustSolution) -> UncertaintyGradients:
         )
         known = ~np.isnan(each[:, 0])
         same = np.zeros(len(flat), dtype=bool)
-        same[known] = agreeing(each[known, 0], *each[known, 1:].T)
+        same[known] = agreeing_entries(each[known, 0], *each[known, 1:].T)
         values[name] = read_only(each[:, 0].reshape(given.shape).copy())
         unique[name] = read_only(same.reshape(given.shape))
     return UncertaintyGradients(MappingProxyType(values), MappingProxyType(unique))

@@ -91,7 +91,7 @@ def guaranteed(
     unknown = rest.unknown or best.problem.cone_model.no_verdict
     if unknown:
         return _not_found(best, [(best, undecided_verdict(best.problem, best.torques, unknown))])
-    search = _Search(best, optimum, options, limits, rest)
+    search = _TorqueSearch(best, optimum, options, limits, rest)
     verdict = search.ask_verdict(best, options.verdict_nodes)
     if rest.is_kept(verdict):
         return _guaranteed_solution(best, best, verdict, 1)
@@ -118,7 +118,7 @@ def guaranteed(
 
 
 @dataclass
-class _Search:
+class _TorqueSearch:
     """A search for guaranteed torques, one candidate after the other.
 
     Attributes:

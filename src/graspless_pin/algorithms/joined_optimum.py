@@ -28,7 +28,7 @@ from graspless_pin.modes.kinematics import THRESHOLD, VirtualKinematics
 from graspless_pin.modes.rules import SlidingMode, StaticFriction
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
-from graspless_pin.problem.members import Member, joined, loads_under_commands, under_commands
+from graspless_pin.problem.members import Member, join_members, loads_under_commands, under_commands
 from graspless_pin.problem.scales import coordinate_units
 from graspless_pin.programs.objectives import Margin, Objective
 from graspless_pin.records import changed
@@ -88,7 +88,7 @@ def mode_of_all(mode: SlidingMode, count: int) -> SlidingMode:
     return SlidingMode(selection, mode.signs.tolist() * count)
 
 
-def of_member(mode: SlidingMode | None, member: Member) -> SlidingMode | None:
+def mode_of_member(mode: SlidingMode | None, member: Member) -> SlidingMode | None:
     """Return the mode of the first member in a mode of a joined problem; None: there is none.
 
     Args:
@@ -124,7 +124,7 @@ def best_torques(
         directions: What feedback may add to commands, see `feedback_torques`.
         mode: The one mode for all; None: the best common mode, if there is one.
     """
-    together = joined(members, directions)
+    together = join_members(members, directions)
     convex = len(members) == 1 or options.rules.static_friction is StaticFriction.COULOMB
     if mode is None and not convex:
         if not options.rules.by_direction:
@@ -175,7 +175,9 @@ def torques_bound(
     for member in members:
         if abs(solution.value - bound) <= AS_GOOD * max(abs(bound), abs(solution.value)):
             break
-        bound = best(bound, solve_problem(joined([member]), objective, options).certificate.bound)
+        bound = best(
+            bound, solve_problem(join_members([member]), objective, options).certificate.bound
+        )
     return bound
 
 
@@ -242,7 +244,7 @@ def minimal_conflict(
 
     def are_refuted(numbers: list[int]) -> bool:
         """Return whether it is proven that no torques serve some members together."""
-        together = joined([members[one] for one in numbers], directions)
+        together = join_members([members[one] for one in numbers], directions)
         found = solve_problem(together, objective, limits.within(coulomb))
         return found.status is Status.INFEASIBLE_FORCES
 

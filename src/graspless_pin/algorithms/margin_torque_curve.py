@@ -29,11 +29,11 @@ from graspless_pin.modes.kinematics import Requirement, mode_of, requirements_of
 from graspless_pin.modes.rules import SlidingMode, StaticFriction, candidate_contacts
 from graspless_pin.problem import QuasistaticProblem, checked_problem
 from graspless_pin.problem.checks import FloatArray, choice, finite_array, read_only, units_text
-from graspless_pin.programs.analysis_objectives import Tradeoff, aimed
+from graspless_pin.programs.analysis_objectives import Tradeoff, weighted_tradeoff
 from graspless_pin.programs.program import Program
 from graspless_pin.records import Brief
 from graspless_pin.solution import Status
-from graspless_pin.solution.tables import counted
+from graspless_pin.solution.tables import with_noun
 from graspless_pin.solvers import Answer, Outcome, solve
 from graspless_pin.tree_search import Limits
 
@@ -156,7 +156,7 @@ class CurveSearch:
 
     def run(self) -> tuple[Status, list[Piece]]:
         """Return the status and the pieces from margin zero to the largest."""
-        status, state = self._search(aimed(self.formulation.program, 0.0, -1.0), np.inf)
+        status, state = self._search(weighted_tradeoff(self.formulation.program, 0.0, -1.0), np.inf)
         if state.best is None:
             return status, []
         is_coulomb = self.options.rules.static_friction is StaticFriction.COULOMB
@@ -197,7 +197,7 @@ class CurveSearch:
         """Return the program of the point farthest below a piece, from a margin on."""
         aim = np.array([1.0, -piece.slope])
         torque, margin = aim / np.abs(aim).max()
-        return aimed(self.formulation.program, torque, margin, begin, piece.b)
+        return weighted_tradeoff(self.formulation.program, torque, margin, begin, piece.b)
 
     def _search(self, program: Program, cutoff: float) -> tuple[Status, SearchState]:
         """Search all modes for a value below the cutoff."""
@@ -213,7 +213,7 @@ class CurveSearch:
             end: Its largest margin; None: not known.
         """
         if end is None:
-            last = self._solve_in_mode(mode, aimed(self.formulation.program, 0.0, -1.0))
+            last = self._solve_in_mode(mode, weighted_tradeoff(self.formulation.program, 0.0, -1.0))
             if last.outcome is not Outcome.SOLVED:
                 return []
             end = self._margin_of(last)
@@ -246,7 +246,9 @@ class CurveSearch:
         """Return (margin, smallest torque) of a mode; a slightly smaller margin if need be."""
         for e in (margin, margin - 0.1 * SAME_MARGIN, margin - SAME_MARGIN):
             at = max(e, 0.0)
-            answer = self._solve_in_mode(mode, aimed(self.formulation.program, 1.0, 0.0, at, at))
+            answer = self._solve_in_mode(
+                mode, weighted_tradeoff(self.formulation.program, 1.0, 0.0, at, at)
+            )
             if answer.outcome is Outcome.SOLVED:
                 return at, self._torque_of(answer)
         return None
@@ -372,7 +374,7 @@ class MarginTorqueCurve(Brief):
         return (
             f"margin 0 to {self.margins[-1, 1]:.4g} N for {self.torques[0, 0]:.4g} to "
             f"{self.torques[-1, 1]:.4g} of torque [{self.torque_unit}], "
-            f"{counted(len(self.modes), 'piece')}: {self.status.message}"
+            f"{with_noun(len(self.modes), 'piece')}: {self.status.message}"
         )
 
     def _check_found(self) -> None:

@@ -297,16 +297,16 @@ def refuse_useless(keys: Iterable[str], algorithm: str) -> None:
     """Refuse keys that have no effect under an algorithm.
 
     Raises:
-        ArgumentError: See `useless`.
+        ArgumentError: See `why_without_effect`.
     """
     for key in keys:
-        if why := useless(key, algorithm):
+        if why := why_without_effect(key, algorithm):
             raise ArgumentError(key, why)
 
 
-def useless(key: str, algorithm: str) -> str:
+def why_without_effect(key: str, algorithm: str) -> str:
     """Return why a key, of other algorithms, has no effect under one; empty if it has one."""
-    others = users_of(key, algorithm)
+    others = other_algorithms_with(key, algorithm)
     if not others:
         return ""
     return (
@@ -315,13 +315,13 @@ def useless(key: str, algorithm: str) -> str:
     )
 
 
-def users_of(key: str, algorithm: str) -> list[str]:
+def other_algorithms_with(key: str, algorithm: str) -> list[str]:
     """Return the other algorithms that have a key; empty if the given one has it, too."""
     users = [name for name, figures in _FIGURES.items() if key in figures]
     return [] if algorithm in users else users
 
 
-def asked_by(objective: Objective) -> tuple[str, dict[str, Any]] | None:
+def name_and_figures(objective: Objective) -> tuple[str, dict[str, Any]] | None:
     """Return name and figures by which an objective can be requested; None: it has no name."""
     for name, named in OBJECTIVES.items():
         if type(objective) is named.make:

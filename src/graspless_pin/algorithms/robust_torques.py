@@ -32,8 +32,8 @@ from graspless_pin.algorithms.joined_optimum import (
     member_margins,
     minimal_conflict,
     mode_of_all,
+    mode_of_member,
     node_limited,
-    of_member,
     torques_bound,
     under_limits,
     without_forces,
@@ -54,7 +54,7 @@ from graspless_pin.holding.controller import Controller, gain_shares
 from graspless_pin.modes.rules import SlidingMode, StaticFriction
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, JointUnit, finite_array, real_number
-from graspless_pin.problem.members import Member, feedback_torques, joined
+from graspless_pin.problem.members import Member, feedback_torques, join_members
 from graspless_pin.programs.objectives import Margin, Objective, Torque, TorqueShare
 from graspless_pin.solution import Status, TorqueSolution
 from graspless_pin.tree_search import Limits
@@ -111,7 +111,10 @@ def torques_by_policy(
         chosen = policy.critical(_CRITICAL)
         if directions is not None or not chosen:  # feedback counts from the nominal one
             chosen.insert(0, corners[0])
-        together, how = joined(chosen, directions), node_limited(limits.within(options), NODES)
+        together, how = (
+            join_members(chosen, directions),
+            node_limited(limits.within(options), NODES),
+        )
         every = None if mode is None else mode_of_all(mode, len(chosen))
         bounding = solve_problem(together, objective, how, mode=every)
         return RobustSolution(
@@ -144,7 +147,7 @@ def _common_modes(
     found: dict[bytes, SlidingMode | None] = {}
     for some in (_far_extremes(corners, unknowns, _SHARING), far_members(corners, _SHARING)[0]):
         how = node_limited(limits.within(options), COMMON_NODES)
-        mode = common_mode(joined(some, directions), some, objective, how)
+        mode = common_mode(join_members(some, directions), some, objective, how)
         if mode is not None:
             found[mode.selection.tobytes() + mode.signs.tobytes()] = mode
     return list(found.values())
@@ -371,7 +374,7 @@ def _margin_deficits(
     deficits = needed - member_margins(
         others, chosen[0].commanded(problem.J.T @ forces.ravel()), options, limits,
         directions=directions, torque_limits=_limits_for_feedback(problem, solution, objective),
-        mode=of_member(solution.given_mode, chosen[0]),  # a proof in one mode needs that mode
+        mode=mode_of_member(solution.given_mode, chosen[0]),  # a proof in one mode needs that mode
         enough=needed,
     )  # fmt: skip
     return np.where(deficits > 0.5 * AS_GOOD * problem.scales.force, deficits, 0.0)
@@ -405,7 +408,7 @@ def further_forces(robust: RobustSolution) -> FloatArray | None:
     """
     solution, first = robust.solution, robust.members[0]
     others = robust.members[len(robust.contact_forces) :]
-    mode = of_member(solution.given_mode, first)
+    mode = mode_of_member(solution.given_mode, first)
     if others and mode is None and solution.rules.static_friction is not StaticFriction.COULOMB:
         return None
     directions = feedback_torques(first.problem, robust.feedback)

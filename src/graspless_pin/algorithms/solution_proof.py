@@ -18,7 +18,7 @@ from graspless_pin.errors import UndecidedMotionError
 from graspless_pin.modes.kinematics import Witness, requirements_of
 from graspless_pin.modes.rules import Rules, StaticFriction
 from graspless_pin.problem.checks import FloatArray, read_only
-from graspless_pin.programs.active_set_polish import certain_bound, sharpened
+from graspless_pin.programs.active_set_polish import certain_bound, refined_multipliers
 from graspless_pin.programs.program import Program
 from graspless_pin.solution import UNDECIDED, Status, TorqueSolution
 from graspless_pin.solution.certificate import (
@@ -137,7 +137,7 @@ class ModeProver:
         program = self.formulation.program.bounded(*self.tree.bounds(part))
         enough = self.target - _BOUND_TOLERANCE * max(1.0, abs(self.target))
         for kept in (_without_tiny_multipliers(z), z):
-            refined = sharpened(program, y, kept)
+            refined = refined_multipliers(program, y, kept)
             if certain_bound(program, *refined) >= enough:
                 return BoundLeaf(*refined, objective=True)
         return self._refuting(program, y, z) if refuting else None
@@ -193,7 +193,7 @@ def written_multipliers(solution: TorqueSolution) -> DualVariables:
     forces = formulation.coordinates.scaled(solution.contact_forces)
     friction = forces[formulation.cone_columns[0]]
     bounds = formulation.opposing(friction > 0.0, friction < 0.0)
-    return sharpened(formulation.program.bounded(*bounds), *solution.scaled_multipliers)
+    return refined_multipliers(formulation.program.bounded(*bounds), *solution.scaled_multipliers)
 
 
 def _proof_of_found(solution: TorqueSolution) -> SolutionProof:
@@ -216,7 +216,7 @@ def _proof_of_found(solution: TorqueSolution) -> SolutionProof:
         answer = prover.solve(own, np.inf)
         if answer.outcome is Outcome.SOLVED:
             bounded = formulation.program.bounded(*prover.tree.bounds(own))
-            in_mode = sharpened(bounded, answer.y, answer.z)
+            in_mode = refined_multipliers(bounded, answer.y, answer.z)
     return SolutionProof(tree, solution.motion, in_mode=in_mode)
 
 

@@ -40,7 +40,7 @@ from graspless_pin.errors import UndecidedMotionError
 from graspless_pin.modes.rules import SlidingMode, candidate_contacts, required_contacts
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, real_number
-from graspless_pin.programs.active_set import ActiveSet, active_set_of, solved_on
+from graspless_pin.programs.active_set import ActiveSet, active_set_of, optimum_on_active_set
 from graspless_pin.programs.objectives import Margin, Objective
 from graspless_pin.solution import UNDECIDED, Status, TorqueSolution
 from graspless_pin.solvers import Answer, Outcome
@@ -183,7 +183,7 @@ class _WarmState(SearchState):
         """
         cutoff = min(self.best_value, self.formulation.cutoff)
         program = self.formulation.program.bounded(lb, ub, cutoff)
-        solved = None if active is None else solved_on(program, active, cutoff)
+        solved = None if active is None else optimum_on_active_set(program, active, cutoff)
         if solved is not None:
             self.force_programs += 1
             return solved

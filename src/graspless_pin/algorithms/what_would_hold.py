@@ -130,7 +130,7 @@ def _tried_changes(
         *((row, f"contact {contact}") for contact, row in enumerate(each)),
         (everywhere, "all contacts"),
     ]:
-        yield _smallest(
+        yield _smallest_change(
             lambda more, where=where: (
                 problem.with_changes(
                     friction=np.minimum((1.0 + more * where) * problem.friction, LARGEST_FRICTION)
@@ -142,13 +142,13 @@ def _tried_changes(
         )  # fmt: skip
     for joint, name in enumerate(problem.joint_names):
         held = with_joints_held(problem, tau, np.array([joint], dtype=np.intp))
-        yield _tried((held, tau), f"joint {name} under position control", limits)
+        yield _verified_change((held, tau), f"joint {name} under position control", limits)
     blocks = problem.jacobian.reshape(problem.contact_count, 3, problem.joint_count)
     acts = (blocks != 0.0).any(axis=1)
     for contact in np.flatnonzero(acts.sum(axis=1) > 1).tolist():
         held = with_joints_held(problem, tau, np.flatnonzero(acts[contact]))
         words = f"all joints behind contact {contact} under position control"
-        yield _tried((held, tau), words, limits)
+        yield _verified_change((held, tau), words, limits)
 
 
 def _other_torques(problem: QuasistaticProblem, limits: Limits) -> HoldingChange | None:
@@ -162,7 +162,7 @@ def _other_torques(problem: QuasistaticProblem, limits: Limits) -> HoldingChange
     if not solution.found:
         return None
     words = "torques of maximize_margin with stability='strong'"
-    return _tried((problem, solution.torques), words, limits)
+    return _verified_change((problem, solution.torques), words, limits)
 
 
 def _preload(problem: QuasistaticProblem, tau: FloatArray, limits: Limits) -> HoldingChange | None:
@@ -198,10 +198,10 @@ def _larger_torques(
     most = _WITHIN * float(((ends - tau)[moved] / direction[moved]).min(initial=np.inf))
     sizes = np.unique(np.minimum(_TORQUE_SHARES, most))
     sizes = (*sizes[sizes > 0.0].tolist(),)
-    return _smallest(lambda share: (problem, tau + share * direction), sizes, words, limits)
+    return _smallest_change(lambda share: (problem, tau + share * direction), sizes, words, limits)
 
 
-def _tried(changed: _Changed, words: str, limits: Limits) -> HoldingChange | None:
+def _verified_change(changed: _Changed, words: str, limits: Limits) -> HoldingChange | None:
     """Return a change if a verdict proves rest with it; None: not proven, or beyond limits."""
     problem, torques = changed
     beyond = (torques < problem.lower_torque) | (torques > problem.upper_torque)
@@ -213,7 +213,7 @@ def _tried(changed: _Changed, words: str, limits: Limits) -> HoldingChange | Non
     return HoldingChange(words, problem, torques, verdict) if is_strong else None
 
 
-def _smallest(
+def _smallest_change(
     change: Callable[[float], _Changed],
     sizes: tuple[float, ...],
     words: Callable[[float], str],
@@ -222,13 +222,13 @@ def _smallest(
     """Return the smallest change: the first size that holds, bisected towards the one before."""
     too_small = 0.0
     for size in sizes:
-        found = _tried(change(size), words(size), limits)
+        found = _verified_change(change(size), words(size), limits)
         if found is None:
             too_small = size
             continue
         for _ in range(_CHANGE_BISECTIONS):
             middle = 0.5 * (too_small + size)
-            less = _tried(change(middle), words(middle), limits)
+            less = _verified_change(change(middle), words(middle), limits)
             too_small, size = (middle, size) if less is None else (too_small, middle)
             found = less or found
         return found

@@ -12,7 +12,7 @@ import typer
 
 from graspless_pin.cli.outcome import plain_errors
 from graspless_pin.errors import ArgumentError
-from graspless_pin.intake.yaml_text import parse_yaml, texts_of
+from graspless_pin.intake.yaml_text import all_texts, parse_yaml
 from graspless_pin.suggestions import names_in_words
 
 _PACKAGE = Path(__file__).resolve().parents[1] / "examples"
@@ -93,7 +93,7 @@ def _referenced_files(file: Path) -> Iterator[Path]:
     table = file.with_suffix(".csv")  # a plan that starts from the scene
     if table.is_file():
         yield table
-    for text in texts_of(parse_yaml(file.read_text()).data):
+    for text in all_texts(parse_yaml(file.read_text()).data):
         referenced = (file.parent / text).resolve()
         if referenced.is_file():
             yield from _referenced_files(referenced)

@@ -26,8 +26,8 @@ from graspless_pin.cli.outputs import (
     check_inputs_stay,
     check_output,
 )
-from graspless_pin.cli.simulate import simulated_words
-from graspless_pin.cli.solve import asking_by_name, judged_solution
+from graspless_pin.cli.simulate import simulation_summary
+from graspless_pin.cli.solve import judged_solution, with_objective_options
 from graspless_pin.cli.tolerances import tolerances_under
 from graspless_pin.errors import ArgumentError, SceneError
 from graspless_pin.holding.verdict import BRIEF_NODE_LIMIT
@@ -50,7 +50,7 @@ from graspless_pin.simulation import simulate
 from graspless_pin.solution import TorqueSolution
 
 
-@asking_by_name
+@with_objective_options
 def report(
     source: Annotated[
         Path,
@@ -143,7 +143,7 @@ def report(
         if simulated and (option_scene := _scene_for_option(case, "--simulate")):
             with waiting_for("simulating"):
                 found = simulate(option_scene, case.solution.torques)
-                lapse = time_lapse(option_scene, found, simulated_words(option_scene, found))
+                lapse = time_lapse(option_scene, found, simulation_summary(option_scene, found))
         if squeeze and (option_scene := _scene_for_option(case, "--squeeze")):
             window = _squeeze_window(option_scene, case.solution)
         is_unknown = case.scene is not None and case.scene.uncertainty is not None

@@ -13,14 +13,14 @@ from graspless_pin.algorithms.options import AIMS
 from graspless_pin.algorithms.robustness import Robustness, robustness
 from graspless_pin.algorithms.what_would_hold import what_would_hold
 from graspless_pin.cli.outcome import ControllerOption, ExitCode, plain_errors
-from graspless_pin.cli.solve import asking_by_name, solved_scene
+from graspless_pin.cli.solve import solved_scene, with_objective_options
 from graspless_pin.errors import SceneError
 from graspless_pin.holding.verdict import Stability
 from graspless_pin.modes.rules import StaticFriction
 from graspless_pin.progress import waiting_for
 from graspless_pin.scene import Scene
 from graspless_pin.scene.fields import label_of
-from graspless_pin.scene.scene_stability import known_of_scene, unknown_of
+from graspless_pin.scene.scene_stability import no_verdict_reason, verdict_with_scene_data
 from graspless_pin.solution import TorqueSolution
 from graspless_pin.tree_search import Limits
 
@@ -28,7 +28,7 @@ _TOUCHING_GAP = 1e-9  # m; smaller gaps count as touching
 _RANGES_TIME = 10.0  # s; by then most free rays are found
 
 
-@asking_by_name
+@with_objective_options
 def robustness_scene(
     scene: Annotated[Path, typer.Argument(help="Scene file (YAML), at rest.")],
     algorithm: Annotated[str | None, typer.Option(help=f"Whose torques. {AIMS}.")] = None,
@@ -53,7 +53,7 @@ def robustness_scene(
     """
     with plain_errors():
         loaded, solution = solved_scene(scene, algorithm, controller, **figures)
-        if reason := unknown_of(loaded):
+        if reason := no_verdict_reason(loaded):
             typer.echo(reason)
             raise typer.Exit(ExitCode.INFEASIBLE)
         if solution.problem.is_sliding.any():
@@ -66,7 +66,7 @@ def robustness_scene(
             result = robustness(
                 solution.problem, solution.torques, node_limit=nodes, time_limit=limits.seconds_left
             )
-        result = replace(result, verdict=known_of_scene(loaded, result.verdict))
+        result = replace(result, verdict=verdict_with_scene_data(loaded, result.verdict))
         is_strong = result.verdict.status is Stability.STRONG
         typer.echo(str(result))
         for line in (

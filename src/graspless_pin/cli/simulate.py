@@ -16,7 +16,7 @@ from graspless_pin.cli.outcome import (
     three_numbers,
 )
 from graspless_pin.cli.outputs import MODEL_MARK, OutputKind, OverwriteOption, check_output
-from graspless_pin.cli.solve import asking_by_name, solved_scene
+from graspless_pin.cli.solve import solved_scene, with_objective_options
 from graspless_pin.errors import ArgumentError
 from graspless_pin.holding.stability import stability
 from graspless_pin.holding.verdict import StabilityVerdict
@@ -35,7 +35,7 @@ from graspless_pin.simulation.video import write_video
 _RANGES_TIME = 10.0  # s; by then most ranges are proven
 
 
-@asking_by_name
+@with_objective_options
 def simulate_scene(
     scene: Annotated[Path, typer.Argument(help="Scene file (YAML), without a motion.")],
     algorithm: Annotated[
@@ -108,7 +108,9 @@ def simulate_scene(
             )
         if export is not None:
             write_text(MODEL_MARK + outcome.model.xml, export, kind="model")
-        text = f"{simulated_words(loaded, outcome)}\n\nverdict: {_torque_verdict(loaded, outcome)}"
+        text = (
+            f"{simulation_summary(loaded, outcome)}\n\nverdict: {_torque_verdict(loaded, outcome)}"
+        )
         if str(export) != "-":
             typer.echo(text)
         if save is not None and as_page:
@@ -120,7 +122,7 @@ def simulate_scene(
     )
 
 
-def simulated_words(scene: Scene, simulation: Simulation) -> str:
+def simulation_summary(scene: Scene, simulation: Simulation) -> str:
     """Return the simulated outcome as text, beside the contact force bounds of the same torques."""
     bounds = contact_force_bounds(
         rest_problem(scene, simulation.problem, simulation.torques),

@@ -63,7 +63,7 @@ _DEPENDED_ON = "stability", "sign_rule"
 _Command = TypeVar("_Command", bound=Callable[..., None])
 
 
-def asking_by_name(command: _Command) -> _Command:
+def with_objective_options(command: _Command) -> _Command:
     """Add the objectives' names as choices of ``algorithm``, and an option for each figure.
 
     Args:
@@ -111,7 +111,7 @@ def _figure_options(taken_names: Container[str]) -> Iterator[inspect.Parameter]:
             )
 
 
-@asking_by_name
+@with_objective_options
 def solve_scene(
     scene: Annotated[Path, typer.Argument(help="Scene file (YAML).")],
     algorithm: Annotated[str | None, typer.Option(help=f"{AIMS}.")] = None,
@@ -334,11 +334,13 @@ def judged_solution(
 
 def proven_answer(answer: RobustAnswer) -> RobustAnswer:
     """Return a robust answer whose status is what the document of its joined problem proves."""
-    from graspless_pin.report.document import accepted
+    from graspless_pin.report.document import with_proven_claims
 
     with waiting_for("checking the proof for all members"):
         # Without torques take the solution with its explanation, which is slow to compute anew.
-        solution, _ = accepted(answer.robust.solution if answer.found else answer.solution)
+        solution, _ = with_proven_claims(
+            answer.robust.solution if answer.found else answer.solution
+        )
     return replace(answer, robust=replace(answer.robust, solution=solution))
 
 
@@ -367,7 +369,7 @@ def proven_and_verdict(
         nodes: Node limit (sets of outcomes) of the verdict; None: `BRIEF_NODE_LIMIT`. The verdict
             is None where there can be none.
     """
-    from graspless_pin.report.document import accepted
+    from graspless_pin.report.document import with_proven_claims
 
     limit = BRIEF_NODE_LIMIT if nodes is None else nodes
     verdict, reason = None, ""
@@ -378,6 +380,6 @@ def proven_and_verdict(
         except ArgumentError as error:
             reason = f"no verdict: {error}"
     with waiting_for("checking the proof"):
-        solution, verdict = accepted(solution, scene, verdict)
+        solution, verdict = with_proven_claims(solution, scene, verdict)
     note = reason if verdict is None else verdict.full_message("--verdict-nodes {}")
     return solution, verdict, note if solution.found else ""

@@ -13,7 +13,7 @@ from graspless_pin.algorithms.tolerance_tables import Tolerances
 from graspless_pin.algorithms.uncertainty import Quantity
 from graspless_pin.cli.outcome import ControllerOption, ExitCode, plain_errors
 from graspless_pin.cli.outputs import OutputKind, OverwriteOption, check_output
-from graspless_pin.cli.solve import asking_by_name, solved_scene
+from graspless_pin.cli.solve import solved_scene, with_objective_options
 from graspless_pin.modes.rules import StaticFriction
 from graspless_pin.progress import waiting_for
 from graspless_pin.scene import Scene
@@ -22,7 +22,7 @@ from graspless_pin.solution import TorqueSolution
 ATTAINABLE_TIME = 60.0  # s
 
 
-@asking_by_name
+@with_objective_options
 def tolerances_of_scene(
     scene: Annotated[Path, typer.Argument(help="Scene file (YAML).")],
     algorithm: Annotated[str | None, typer.Option(help=f"Whose torques. {AIMS}.")] = None,

@@ -55,7 +55,7 @@ def rigid(position: ArrayLike, R: FloatArray = _IDENTITY_ROTATION) -> FloatArray
     return T
 
 
-def shifted(T: FloatArray, shift: FloatArray) -> FloatArray:
+def translated(T: FloatArray, shift: FloatArray) -> FloatArray:
     """Return a (4, 4) transform translated by (3,), m, in the destination's axes."""
     return rigid(T[:3, 3] + shift, T[:3, :3])
 
@@ -96,7 +96,7 @@ def screw_twist(T: FloatArray) -> FloatArray:
     return np.array(pin.log6(pin.SE3(T[:3, :3], T[:3, 3])).vector)
 
 
-def along_screw(twist: FloatArray) -> FloatArray:
+def twist_transform(twist: FloatArray) -> FloatArray:
     """Return the (4, 4) transform that a constant twist (6,) [v; omega] yields in one second."""
     return np.array(pin.exp6(twist).homogeneous)
 

@@ -169,7 +169,7 @@ def _state_mask(kinds: tuple[ContactState, ...]) -> NDArray[np.bool_]:
     return np.array([state in kinds for state in ContactState])
 
 
-def least_along(vectors: FloatArray, center: FloatArray, half_width: FloatArray) -> FloatArray:
+def least_products(vectors: FloatArray, center: FloatArray, half_width: FloatArray) -> FloatArray:
     """Return (M,) smallest dot products of each vector (M, 2) with the unit vectors of its arc."""
     return (vectors * least_direction(vectors, center, half_width)).sum(axis=1)
 
@@ -288,7 +288,7 @@ def closing_slack(
 def newton_gains(dynamics: Dynamics, states: States, c: FloatArray) -> FloatArray:
     """Return (M,) the largest gain of c_l.f_l per newton of each normal force; c: (M, 3)."""
     normal = np.where(dynamics.is_commanded, 0.0, c[:, 0])
-    return normal - dynamics.friction * least_along(c[:, 1:], *states.arcs)
+    return normal - dynamics.friction * least_products(c[:, 1:], *states.arcs)
 
 
 def outcome_bound(
@@ -325,7 +325,7 @@ def outcome_bound(
     bound += max(rise, 0.0)
     # Slips against kappa are bounded by friction's power, or by the longest possible slip.
     v = p - dual.motion + normal @ rows[:, 0] + np.einsum("li,lin->n", dual.tangential, rows[:, 1:])
-    wrong = np.where(sticking, 0.0, np.maximum(-least_along(dual.tangential, *states.arcs), 0.0))
+    wrong = np.where(sticking, 0.0, np.maximum(-least_products(dual.tangential, *states.arcs), 0.0))
     power = mu * np.where(opened, 0.0, low + np.minimum(dynamics.commanded_spread, 0.0))
     longest = wrong * np.linalg.norm(rows[:, 1:], axis=(1, 2))
     bound += float((v + dual.motion) @ dynamics.aside)

@@ -67,7 +67,7 @@ def balance(
         torques: (L,) of the motors.
         friction_limits: (M,) largest friction force of each contact, N; None: mu f_n.
     """
-    (jacobian, load), friction = in_loads(problem, torques), free_friction(problem)
+    (jacobian, load), friction = scaled_balance(problem, torques), free_friction(problem)
     if friction_limits is None:
         return least_residual(jacobian, load, friction, BALANCE_TOLERANCE)
     frictionless = None if friction_limits.any() else normal_force_balance(jacobian[:, 0], load)
@@ -77,7 +77,9 @@ def balance(
     return least_residual(jacobian, load, friction, _HOPELESS, limits)
 
 
-def in_loads(problem: QuasistaticProblem, torques: FloatArray) -> tuple[FloatArray, FloatArray]:
+def scaled_balance(
+    problem: QuasistaticProblem, torques: FloatArray
+) -> tuple[FloatArray, FloatArray]:
     """Return `force_jacobian` (M, 3, P + L) and the load g (P + L,), scaled.
 
     Forces are in units of the load, entries of the balance in those of `balance_units`.
@@ -109,7 +111,7 @@ def residual_lower_bound(
         torques: (L,) of the motors.
         motion: (P + L,) z with sum |z| <= 1, along which no contact force does negative work.
     """
-    jacobian, load = in_loads(problem, torques)
+    jacobian, load = scaled_balance(problem, torques)
     z, lost = scaled_proof(jacobian, problem.friction, motion)
     return float(z @ load) - lost
 
@@ -122,7 +124,7 @@ def scaled_proof(
     Normal forces are at most `FORCE_LIMIT`.
 
     Args:
-        jacobian: (M, 3, k) of forces, as `in_loads` returns it.
+        jacobian: (M, 3, k) of forces, as `scaled_balance` returns it.
         friction: (M,) coefficients.
         motion: (k,) z.
     """
@@ -152,7 +154,7 @@ def is_certificate(
     excess, pulling = np.maximum(excess, 0.0), np.maximum(-forces[:, 0], 0.0)
     if dynamics is None:
         scale = problem.scales.force
-        jacobian, load = in_loads(problem, torques)
+        jacobian, load = scaled_balance(problem, torques)
         residual = np.einsum("lik,li->k", jacobian, forces / scale) + load
         return max(np.abs(residual).max(), excess.max() / scale, pulling.max() / scale) <= _EXACT
     unit, rows = dynamics.force_unit, dynamics.rows
@@ -238,7 +240,7 @@ def bearing_forces(
     Returns:
         (M, 3) in contact frames, in loads.
     """
-    jacobian, load = in_loads(problem, torques)
+    jacobian, load = scaled_balance(problem, torques)
     largest = np.minimum(problem.max_normal_force / problem.scales.force, MOST_FORCE)
     rests = [forces]
     for contact in np.flatnonzero(forces[:, 0] <= LEAST_LOAD).tolist():
@@ -300,7 +302,7 @@ class LoadLine:
         The least residual is a convex function of the multiple, and each proof of it a tangent:
         Newton's method from above.
         """
-        jacobian, load = in_loads(self.problem, self.torques)
+        jacobian, load = scaled_balance(self.problem, self.torques)
         step, friction = self.in_loads, self.problem.friction
         multiple, proof = most, None
         for _ in range(_MOST_STEPS):

@@ -20,7 +20,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from graspless_pin.holding.bounds import States, allowed_normals, least_along, newton_gains
+from graspless_pin.holding.bounds import States, allowed_normals, least_products, newton_gains
 from graspless_pin.holding.branching import NEAR_OUTCOME, SearchResult, UnprovenSet, split_contact
 from graspless_pin.holding.dynamics import Dynamics
 from graspless_pin.holding.relaxation import (
@@ -206,7 +206,7 @@ def goal_bound(dynamics: Dynamics, states: States, dual: DualBound, force_limit:
     low = np.where(commanded, high, 0.0)
     gain = newton_gains(dynamics, states, pushes @ dual.motion)
     bound = float(dual.motion @ dynamics.load + (np.maximum(gain * low, gain * high)).sum())
-    wrong = np.maximum(-least_along(dual.tangential, *states.arcs), 0.0)
+    wrong = np.maximum(-least_products(dual.tangential, *states.arcs), 0.0)
     wrong = np.where(states.are(ContactState.STICKING), 0.0, wrong)
     sizes = np.linalg.norm(pushes, axis=2).sum(axis=1) * (1.0 + dynamics.friction)
     reach = float(np.linalg.norm(dynamics.load)) + float(high @ sizes)

@@ -347,7 +347,7 @@ def free_motions(problem: QuasistaticProblem) -> FloatArray:
         3
     """
     checked_problem(problem)
-    basis, moving, units = without_slip(problem)
+    basis, moving, units = no_slip_basis(problem)
     _, shares, turns = np.linalg.svd(basis[: problem.passive_count], full_matrices=True)
     count = int((shares > NEGLIGIBLE).sum())
     motions = np.zeros((count, len(moving)))
@@ -395,12 +395,12 @@ def small_motions_without_scene(
     if problem.is_sliding.any():
         return SmallMotions.not_known("contacts slide as declared")
     rolls = "how the contacts roll needs a scene with shapes"
-    basis, moving, _ = without_slip(problem)
+    basis, moving, _ = no_slip_basis(problem)
     if basis.shape[1]:
         return SmallMotions.not_known(rolls)
     forces = bearing()
     loaded = np.einsum("li,li->l", forces, problem.normals) > LEAST_LOAD * problem.scales.force
-    basis, moving, _ = without_slip(problem, bears=loaded)
+    basis, moving, _ = no_slip_basis(problem, bears=loaded)
     if not basis.shape[1]:
         joints = np.flatnonzero(moving[problem.passive_count :])
         still, nothing, none = np.zeros((len(moving), 0)), np.zeros((0, 0)), np.zeros(len(joints))
@@ -411,7 +411,7 @@ def small_motions_without_scene(
     return SmallMotions.not_known(f"some contacts bear nothing, and {rolls}")
 
 
-def without_slip(
+def no_slip_basis(
     problem: QuasistaticProblem,
     moving: NDArray[np.bool_] | None = None,
     *,

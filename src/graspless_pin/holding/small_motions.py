@@ -21,7 +21,7 @@ import numpy as np
 from scipy.linalg import eig, eigh, solve_continuous_lyapunov
 from scipy.optimize import brentq
 
-from graspless_pin.holding.certificate import MOST_FORCE, in_loads
+from graspless_pin.holding.certificate import MOST_FORCE, scaled_balance
 from graspless_pin.holding.dynamics import free_friction, world_forces
 from graspless_pin.holding.equilibrium import farthest_forces
 from graspless_pin.holding.stability import stability
@@ -283,7 +283,7 @@ def extreme_forces(
     Returns:
         (M, 3) world axes, N; the start if the torques leave no forces open that change stiffness.
     """
-    jacobian, load = in_loads(problem, torques)
+    jacobian, load = scaled_balance(problem, torques)
     _, values, turns = np.linalg.svd(jacobian.reshape(3 * len(forces), -1).T)
     rank = int((values > _INFLUENCE * values.max(initial=0.0)).sum())
     in_frames = np.einsum("mji,mjab->miab", problem.frames, motion.force_stiffness)

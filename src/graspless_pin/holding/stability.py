@@ -21,9 +21,9 @@ from graspless_pin.holding.certificate import (
     balance_and_certificate,
     bearing_forces,
     force_limit,
-    in_loads,
     proven_loads,
     residual_lower_bound,
+    scaled_balance,
     with_proven_loads,
 )
 from graspless_pin.holding.declared_motion import search_other_motion
@@ -428,7 +428,7 @@ def _partial_rest_forces(
         (M, 3) in contact frames, in loads; None where there are none.
     """
     problem = draft.problem
-    jacobian, load = in_loads(problem, draft.torques)
+    jacobian, load = scaled_balance(problem, draft.torques)
     kept = np.concatenate([np.ones(problem.passive_count, dtype=bool), joints])
     if opened is not None:
         jacobian = np.where(opened[:, None, None], 0.0, jacobian)

@@ -69,7 +69,7 @@ Many = Annotated[list[_Item], Field(max_length=1000)]
 ByName = Annotated[dict[Name, _Item], Field(max_length=1000)]
 
 
-def listed(value: Any) -> Any:
+def as_list(value: Any) -> Any:
     """Turn a single name into a list of one."""
     return [value] if isinstance(value, str) else value
 

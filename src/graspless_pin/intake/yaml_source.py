@@ -190,7 +190,7 @@ def validated(source: YamlSource, model: type[_Entry]) -> _Entry:
         raise source.kind.error("\n".join([*lines[:_MOST_LISTED], *remainder])) from None
 
 
-def with_known(entry: Any, data: Any, earlier: Any, earlier_data: Any) -> Any:
+def reused_entry(entry: Any, data: Any, earlier: Any, earlier_data: Any) -> Any:
     """Return an entry with unchanged parts replaced by the same objects of an earlier entry.
 
     Args:
@@ -205,12 +205,12 @@ def with_known(entry: Any, data: Any, earlier: Any, earlier_data: Any) -> Any:
     if isinstance(entry, BaseModel) and kind is type(earlier):
         before = vars(earlier)
         parts = {
-            name: with_known(part, data.get(name), before[name], earlier_data.get(name))
+            name: reused_entry(part, data.get(name), before[name], earlier_data.get(name))
             for name, part in vars(entry).items()
         }
         return kind.model_construct(entry.model_fields_set, **parts)
     if isinstance(entry, list) and isinstance(earlier, list) and len(entry) == len(earlier):
-        return [*map(with_known, entry, data, earlier, earlier_data)]
+        return [*map(reused_entry, entry, data, earlier, earlier_data)]
     return entry
 
 

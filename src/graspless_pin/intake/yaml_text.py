@@ -111,13 +111,13 @@ def parse_yaml(text: str) -> ParsedYaml:
         raise TextError(f"is not plain YAML: {problem}; put text in quotes") from error
 
 
-def texts_of(data: Any) -> Iterator[str]:
+def all_texts(data: Any) -> Iterator[str]:
     """Yield all texts in a file's data except keys."""
     if isinstance(data, str):
         yield data
     elif isinstance(data, dict | list):
         for item in data.values() if isinstance(data, dict) else data:
-            yield from texts_of(item)
+            yield from all_texts(item)
 
 
 def _lines_of(root: yaml.Node) -> dict[Location, int]:

@@ -19,7 +19,7 @@ from graspless_pin.geometry.bodies.shape import Shape
 from graspless_pin.geometry.hand.actuation import EffortLimit
 from graspless_pin.geometry.hand.assembly import ControlModes, Mount
 from graspless_pin.geometry.hand.mjcf import robot_of_source
-from graspless_pin.geometry.hand.mjcf_source import body_shape, pose
+from graspless_pin.geometry.hand.mjcf_source import body_shape, mj_pose
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.poses import invert
 from graspless_pin.geometry.robots.description import RobotDescription
@@ -92,7 +92,7 @@ def supports_of(state: ModelState, friction: PairFriction) -> tuple[Support, ...
             continue
         is_plane = model.geom_type[geom] == source.mujoco.mjtGeom.mjGEOM_PLANE
         if is_plane:
-            placed = HalfSpace(), pose(model.geom_quat[geom], model.geom_pos[geom])
+            placed = HalfSpace(), mj_pose(model.geom_quat[geom], model.geom_pos[geom])
         else:
             try:
                 placed = body_shape(source, geom)

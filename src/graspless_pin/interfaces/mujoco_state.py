@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from graspless_pin.errors import ArgumentError, SceneError
 from graspless_pin.findings import Finding, FindingCode, emit
 from graspless_pin.geometry.hand.mjcf import motor_joints, robot_bodies, tree_roots
-from graspless_pin.geometry.hand.mjcf_source import MjcfSource, pose, read_mjcf, source_of_model
+from graspless_pin.geometry.hand.mjcf_source import MjcfSource, mj_pose, read_mjcf, source_of_model
 from graspless_pin.problem.checks import FloatArray, unknown_name
 from graspless_pin.simulation.scene_document import CUSTOM_TEXT
 from graspless_pin.suggestions import first_of, names_in_words
@@ -88,7 +88,7 @@ class ModelState:
 
     def pose_of(self, body: int) -> FloatArray:
         """Return the (4, 4) pose of a body in the world, m."""
-        return pose(self.data.xquat[body], self.data.xpos[body])
+        return mj_pose(self.data.xquat[body], self.data.xpos[body])
 
     def touching_geoms(self, inside: NDArray[np.bool_]) -> list[int]:
         """Return the geoms of the masked bodies that can touch any other geom."""

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from graspless_pin.algorithms.dual_degeneracy import agreeing
+from graspless_pin.algorithms.dual_degeneracy import agreeing_entries
 from graspless_pin.algorithms.gradients import (
     Gradients,
     OptimumGradients,
@@ -312,7 +312,7 @@ def configuration_gradient(
     return ConfigurationGradient(
         joint_names=tuple(scene.hand.joint_names[leader] for leader in coupling.leaders),
         values=read_only(values),
-        unique=agreeing(values, *others),
+        unique=agreeing_entries(values, *others),
         contacts=tuple(range(len(gaps))),
         gaps=read_only(distances),
         gap_gradient=read_only(gaps @ coupling.S),

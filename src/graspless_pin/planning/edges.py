@@ -17,7 +17,7 @@ import numpy as np
 from graspless_pin.bounds import LARGEST
 from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.bodies.collision import PlacedBodies
-from graspless_pin.geometry.poses import along_screw, as_pose, rigid, screw_twist, transformed
+from graspless_pin.geometry.poses import as_pose, rigid, screw_twist, transformed, twist_transform
 from graspless_pin.geometry.posing.overlaps import least_clearance
 from graspless_pin.planning.attached_states import AttachedConfigurations
 from graspless_pin.planning.configurations import Configuration
@@ -25,7 +25,7 @@ from graspless_pin.planning.evaluation import StateStatus
 from graspless_pin.planning.state_solver import PosedScene, StateSolver
 from graspless_pin.problem.checks import FloatArray, finite_array, read_only, real_number
 from graspless_pin.records import Brief
-from graspless_pin.scene.entry_findings import reach_of
+from graspless_pin.scene.entry_findings import object_radius_bound
 
 _NO_BODIES = PlacedBodies.of(())
 
@@ -172,7 +172,7 @@ class ScrewMotion(NamedTuple):
         Args:
             fraction: 0 at the start, 1 at the end.
         """
-        moved = along_screw(fraction * self.start_twist)
+        moved = twist_transform(fraction * self.start_twist)
         R, step = moved[:3, :3], moved[:3, 3]
         velocity, turn = np.split(self.start_twist, 2)
         twist = np.concatenate([velocity + np.cross(turn, step), turn])
@@ -414,4 +414,4 @@ class Edge:
     @cached_property
     def _object_reach(self) -> float:
         """Upper bound on the distance of the object's points from its centre of mass, m."""
-        return reach_of(self._solver.configurations.scene.object)
+        return object_radius_bound(self._solver.configurations.scene.object)

@@ -24,7 +24,7 @@ from graspless_pin.problem.checks import (
     FloatArray,
     JointUnit,
     all_within,
-    called_back,
+    check_callback,
     finite_array,
     whole_number,
 )
@@ -175,7 +175,7 @@ def _check_rigid(poses: FloatArray) -> None:
             as_pose(f"T_world_object[{start + k}]", block[k])
 
 
-def gathered(
+def computed_arrays(
     compute: Callable[[StateSolver, StateArrays], Arrays],
     solver: StateSolver,
     states: StateArrays,
@@ -198,7 +198,7 @@ def gathered(
     """
     if workers is not None:
         workers = whole_number("workers", workers, 1)
-    called_back("progress", progress)
+    check_callback("progress", progress)
     whole: Arrays = ()
     for chunk, parts in _computed_chunks(compute, solver, states, workers):
         if not whole:
@@ -333,7 +333,7 @@ def evaluated_states(
     whole = [whole_number("evaluations", number, 0, states.total - 1) for number in kept]
     columns = possible_columns(solver.configurations.scene.hand)
     names = tuple(columns)
-    results = StateFigures(*gathered(solved_figures, solver, states, workers, progress))
+    results = StateFigures(*computed_arrays(solved_figures, solver, states, workers, progress))
     evaluations = {number: solver.evaluate(*states.arguments_of(number)) for number in whole}
     for number, evaluation in evaluations.items():
         results.enter(number, evaluation, names)
@@ -373,7 +373,7 @@ def feasible_states(
 ) -> NDArray[np.bool_]:
     """Return which states are feasible: see `Evaluator.are_feasible`."""
     decide = partial(decided_states, margin=margin)
-    (feasible,) = gathered(decide, solver, states, workers, progress)
+    (feasible,) = computed_arrays(decide, solver, states, workers, progress)
     return feasible
 
 

@@ -22,7 +22,7 @@ from graspless_pin.planning.many_states import state_positions
 from graspless_pin.problem.checks import FloatArray, JointUnit, finite_array, read_only
 from graspless_pin.records import Brief
 from graspless_pin.scene import Scene
-from graspless_pin.solution.tables import brief_figure, counted
+from graspless_pin.solution.tables import brief_figure, with_noun
 
 PATH_REGULARIZATION = 1e-4
 """Makes torques continuous; costs the paper's cuboid 1e-5 N of 1.65 N of margin."""
@@ -128,7 +128,7 @@ class PathProfile(Brief):
         if self.found:
             largest = float(np.abs(self.margins).max())
             summary = f"smallest margin {brief_figure(self.smallest_margin, largest)} N"
-        points = counted(len(self.times), "waypoint")
+        points = with_noun(len(self.times), "waypoint")
         lines = [f"a path of {self.times[-1] - self.times[0]:g} s, {points}, {summary}"]
         for change in self.contact_changes:
             parts = [

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from graspless_pin.algorithms.dual_degeneracy import OptimalPoint, OptimalSet, agreeing
+from graspless_pin.algorithms.dual_degeneracy import OptimalPoint, OptimalSet, agreeing_entries
 from graspless_pin.algorithms.gradients import (
     Gradients,
     gradients_at,
@@ -150,7 +150,7 @@ class PinnedState(Brief):
         """
         data = optimum_gradients(self.evaluation.solution)
         own, *others = self._figure_gradients((data.point, *data.alternatives))
-        return self._derivatives(own, agreeing(own, *others))
+        return self._derivatives(own, agreeing_entries(own, *others))
 
     @cached_property
     def by_torques(self) -> Derivatives:
@@ -162,7 +162,7 @@ class PinnedState(Brief):
         """
         data = optimum_gradients(self.evaluation.solution)
         own, *others = map(self._figure_gradients, OptimalSet(data.solution).torque_points())
-        rows = [agreeing(*row) for row in zip(own, *others, strict=True)]
+        rows = [agreeing_entries(*row) for row in zip(own, *others, strict=True)]
         return self._derivatives(own, np.array(rows, dtype=bool).reshape(own.shape))
 
     def _figure_gradients(self, points: Sequence[OptimalPoint]) -> FloatArray:

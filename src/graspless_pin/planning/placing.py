@@ -35,7 +35,7 @@ from graspless_pin.planning.placing_candidates import (
 )
 from graspless_pin.planning.placing_plan import ClosedHand, PlacingAim, PlacingPlan, hand_parts
 from graspless_pin.problem.checks import (
-    called_back,
+    check_callback,
     choice,
     finite_array,
     real_number,
@@ -302,7 +302,7 @@ def place_hand(
     """
     begin = time.monotonic()
     truth_values(together=together, move_base=move_base)
-    called_back("progress", progress)
+    check_callback("progress", progress)
     plan = _placing_plan(
         scene, approach, point, fingers, margin, aim, seed, together=together, move_base=move_base
     )

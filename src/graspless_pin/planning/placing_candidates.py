@@ -14,19 +14,19 @@ from graspless_pin.errors import GrasplessPinError, StateError, internal_error
 from graspless_pin.findings import capture
 from graspless_pin.geometry.bodies.collision import PlacedBodies
 from graspless_pin.geometry.hand.model import Hand, displaced_hand
-from graspless_pin.geometry.poses import invert, shifted
+from graspless_pin.geometry.poses import invert, translated
 from graspless_pin.geometry.posing.closing import (
     ClosingResult,
-    back_until_free,
     centering_shift,
     close_hand,
     moved_bodies,
+    retraction_distance,
     shortfall,
 )
 from graspless_pin.geometry.posing.finger_joints import (
-    brought_palm,
     driving_columns,
     groups_of_fingers,
+    palm_inverse_kinematics,
 )
 from graspless_pin.geometry.posing.opposing import carrier_links
 from graspless_pin.geometry.posing.overlaps import unwanted_overlaps
@@ -179,7 +179,7 @@ def _judge_grip(
     if len(fingers) < min(2, len(hand.fingers)) or (grips and len(touching) < 2):
         return PlacingFault.ONE_FINGER_ONLY
     alone = scene if not scene.supports else scene.with_changes(supports=(), motion=None)
-    if grips and not squeezed(alone.problem(), alone.contacts.bodies):
+    if grips and not can_squeeze(alone.problem(), alone.contacts.bodies):
         return PlacingFault.NOTHING_OPPOSES
     carrying = alone.solve("margin", node_limit=CANDIDATE_NODES)
     if plan.aim is PlacingAim.CARRY and not carrying.found:
@@ -193,7 +193,7 @@ def _judge_grip(
     return touching, solution.margin, carrying.margin if carrying.found else np.nan
 
 
-def squeezed(problem: QuasistaticProblem, bodies: Sequence[str]) -> bool:
+def can_squeeze(problem: QuasistaticProblem, bodies: Sequence[str]) -> bool:
     """Return whether two bodies can squeeze the object: contact forces balance each other.
 
     Args:
@@ -240,10 +240,10 @@ def _close_at_object(
             return PlacingFault.OUT_OF_REACH
         hand, T = stance
         open_hand = moved_bodies(_link_shapes(hand, part.links), T)
-        back, last = back_until_free(open_hand, obstacles, draw.direction, farthest)
+        back, last = retraction_distance(open_hand, obstacles, draw.direction, farthest)
         if back is None:
             return (PlacingFault.OBJECT_IN_THE_WAY, PlacingFault.SUPPORT_IN_THE_WAY)[last]
-        stance = _stance(part, hand, shifted(T, -back * draw.direction), rng) if back else stance
+        stance = _stance(part, hand, translated(T, -back * draw.direction), rng) if back else stance
         if part.arm is None or not back:
             break
     else:
@@ -271,7 +271,7 @@ def _close_at_object(
         shift = _jaw_shift(closing, together, target.placed_bodies)
         if not remaining or np.linalg.norm(shift) < _CENTERED:
             return closing, T
-        stance = _stance(part, hand, shifted(T, T[:3, :3] @ shift), rng)
+        stance = _stance(part, hand, translated(T, T[:3, :3] @ shift), rng)
     return PlacingFault.OBJECT_IN_THE_WAY
 
 
@@ -286,7 +286,7 @@ def _stance(
     if part.arm is None:
         return hand, T
     goal = T @ hand.tree.kinematics(hand.positions).T_world_joint[part.arm.joint]
-    positions, palm = brought_palm(hand, part.arm, goal, rng)
+    positions, palm = palm_inverse_kinematics(hand, part.arm, goal, rng)
     turn = Rotation.from_matrix(goal[:3, :3].T @ palm[:3, :3]).magnitude()
     if np.linalg.norm(goal[:3, 3] - palm[:3, 3]) > _PALM_OFF or turn > _PALM_TURNED:
         return None

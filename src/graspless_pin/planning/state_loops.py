@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspless_pin.algorithms.batch_optimum import LoadSweep, optima_of_states, state_optimum
-from graspless_pin.algorithms.batch_programs import are_for
+from graspless_pin.algorithms.batch_programs import loops_cover
 from graspless_pin.algorithms.options import SolveOptions
 from graspless_pin.algorithms.robust_solution import Coverage
 from graspless_pin.algorithms.search_state import optimality_tolerance
@@ -25,7 +25,7 @@ from graspless_pin.geometry.bodies.collision import BodyShapes, PlacedBodies
 from graspless_pin.geometry.contact.distances import solids_of
 from graspless_pin.geometry.hand.work_space import Kinematics
 from graspless_pin.geometry.poses import invert
-from graspless_pin.geometry.posing.overlaps import pairs_of
+from graspless_pin.geometry.posing.overlaps import overlap_pairs
 from graspless_pin.planning.attached_states import AttachedConfigurations
 from graspless_pin.planning.configurations import Configurations
 from graspless_pin.planning.evaluation import STATUSES, Evaluation, StateStatus, WarmAnswer
@@ -356,7 +356,7 @@ class AttachedLoops(StateLoops):
     def posed(self, q: FloatArray, objective: Objective) -> BatchContacts | None:
         """Return the poses of configurations (K, a); None: also if loops lack the objective."""
         cone = CONE_MODELS[self._at.scene.cone]
-        if self._posing_loops is None or not are_for(cone, objective, self._options):
+        if self._posing_loops is None or not loops_cover(cone, objective, self._options):
             return None
         return BatchContacts(*self._posing_loops.at(q))
 
@@ -458,5 +458,5 @@ def _checked_pairs(at: AttachedConfigurations, sets: Any, pieces: int) -> Any:
     """Return the pairs of shapes checked for overlaps: of links, and of links and the object."""
     count, tree = len(at.moves_apart), at.hand.tree
     apart = np.flatnonzero(at.moves_apart).tolist()
-    pairs = [*pairs_of(tree).tolist(), *((k, count + p) for k in apart for p in range(pieces))]
+    pairs = [*overlap_pairs(tree).tolist(), *((k, count + p) for k in apart for p in range(pieces))]
     return core.BodyPairs(sets, [i for i, _ in pairs], [j for _, j in pairs])

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from graspless_pin.algorithms.joined_optimum import common_motions, member_margins, of_member
+from graspless_pin.algorithms.joined_optimum import common_motions, member_margins, mode_of_member
 from graspless_pin.algorithms.options import SolveOptions
 from graspless_pin.algorithms.robust_solution import Coverage, RobustSolution
 from graspless_pin.algorithms.uncertainty import Uncertainty, figures_in
@@ -264,7 +264,7 @@ class UncertainStateSolver(StateSolver):
         if how is self.options and whole and robust.policy is None:
             first, mean = robust.members[0], robust.contact_forces.mean(axis=0)
             local = (mean[:, None] @ first.problem.frames)[:, 0]
-            mode = of_member(robust.solution.given_mode, first)
+            mode = mode_of_member(robust.solution.given_mode, first)
             self._earlier[_contact_key(scene)] = EarlierForces(local, robust.margin, mode)
         return robust
 

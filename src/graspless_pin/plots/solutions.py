@@ -19,10 +19,10 @@ from graspless_pin.problem.checks import FloatArray, units_text
 from graspless_pin.solution import TorqueSolution
 from graspless_pin.solution.tables import (
     contact_states,
+    decimals,
     force_rounding,
     friction_use,
     limit_shares,
-    shown,
 )
 from graspless_pin.visualization import LIGHT, Role
 from graspless_pin.visualization.contacts import virtual_velocities
@@ -311,7 +311,7 @@ def friction_section(solution: TorqueSolution, contact: int, ax: Axes | None = N
     axes.axvline(0.0, color=LIGHT.text, linewidth=0.5, alpha=0.4)
     use = friction_use(problem, solution.contact_forces)[contact]
     share = "" if np.isnan(use) else f", {100.0 * use:.0f} % used"
-    label = shown(normal, problem.scales.force, "", force_rounding(problem)[contact])
+    label = decimals(normal, problem.scales.force, "", force_rounding(problem)[contact])
     axes.set_title(f"contact {contact}: {state}{share}\n$f_n$ = {label} N", fontsize="medium")
     if ax is None:
         named = [

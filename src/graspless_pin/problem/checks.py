@@ -280,7 +280,7 @@ def truth_values(**values: object) -> None:
             raise ArgumentError(name, f"is {_short_repr(value)}; it must be True or False")
 
 
-def called_back(name: str, value: object) -> None:
+def check_callback(name: str, value: object) -> None:
     """Check that a callback is a function or None.
 
     Raises:
@@ -402,7 +402,7 @@ FREE_BODY = (JointUnit.FORCE,) * 3 + (JointUnit.TORQUE,) * 3
 """Units of the wrench on one free body."""
 
 
-def turning(units: Sequence[JointUnit]) -> NDArray[np.bool_]:
+def torque_mask(units: Sequence[JointUnit]) -> NDArray[np.bool_]:
     """Return the mask of the coordinates whose generalised forces are in N m."""
     return np.array([unit is JointUnit.TORQUE for unit in units], dtype=bool)
 

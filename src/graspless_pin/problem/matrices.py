@@ -18,7 +18,7 @@ from graspless_pin.problem.checks import (
     finite_array,
     read_only,
     real_array,
-    turning,
+    torque_mask,
 )
 
 # p @ _CROSS, as a (3, 3) matrix, times f is the moment p x f.
@@ -148,7 +148,7 @@ def load_words(load: FloatArray, units: tuple[JointUnit, ...], *, joined: str) -
         units: P units.
         joined: Separator of the two parts.
     """
-    turns = turning(units)
+    turns = torque_mask(units)
     force, moment = np.round(load[~turns], 4) + 0.0, np.round(load[turns], 5) + 0.0
     words = [f"force {force.tolist()} N"] if force.size else []
     words += [f"moment {moment.tolist()} N m"] if moment.size else []

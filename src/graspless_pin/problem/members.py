@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.linalg import block_diag, null_space
 
-from graspless_pin.problem.checks import FloatArray, JointUnit, turning
+from graspless_pin.problem.checks import FloatArray, JointUnit, torque_mask
 from graspless_pin.problem.quasistatic import QuasistaticProblem, contact_map
 from graspless_pin.problem.scales import bears_contacts
 from graspless_pin.records import Brief, Record, unchecked
@@ -104,7 +104,9 @@ def motions_keeping_contact(problem: QuasistaticProblem) -> FloatArray:
     return sizes[:, None] * null_space(rows * sizes, rcond=_RANK_TOLERANCE)
 
 
-def joined(members: Sequence[Member], feedback: FloatArray | None = None) -> QuasistaticProblem:
+def join_members(
+    members: Sequence[Member], feedback: FloatArray | None = None
+) -> QuasistaticProblem:
     """Return the problem of common torques for all members, each with its own contact forces.
 
     With P passive coordinates each, K members have K P of them. The commanded torques of all
@@ -167,7 +169,7 @@ def under_commands(
     Args:
         member: The member.
         commanded: (L,) N m (N).
-        feedback: See `joined`.
+        feedback: See `join_members`.
 
     Returns:
         A problem without driven joints; with feedback its joints are those of the member.
@@ -198,7 +200,7 @@ def loads_under_commands(
     Args:
         members: K that differ only in loads: in `external_wrench`, `gravity_torques`, `offsets`.
         commanded: (L,) N m (N).
-        feedback: See `joined`.
+        feedback: See `join_members`.
     """
     first = members[0].problem
     shared, _ = shared_commands(members[:1], feedback)
@@ -214,7 +216,7 @@ def couplings(
 
     Args:
         members: K members; if one is moved and there is feedback, the first is the nominal one.
-        feedback: See `joined`.
+        feedback: See `join_members`.
 
     Returns:
         The result of `shared_commands` for each of the K - 1 further members.
@@ -233,7 +235,7 @@ def shared_commands(
 
     Args:
         members: All members.
-        feedback: See `joined`.
+        feedback: See `join_members`.
     """
     units = members[0].problem.joint_units
     if feedback is None:
@@ -246,7 +248,7 @@ def shared_commands(
     shared = (
         null_space(feedback.T, rcond=_RANK_TOLERANCE).T if feedback.size else np.eye(len(units))
     )
-    turns = (shared[:, turning(units)] ** 2).sum(axis=1) >= 0.5
+    turns = (shared[:, torque_mask(units)] ** 2).sum(axis=1) >= 0.5
     return shared, [JointUnit.TORQUE if turn else JointUnit.FORCE for turn in turns]
 
 

@@ -24,7 +24,7 @@ from graspless_pin.problem.checks import (
     read_only,
     real_array,
     squared_lengths,
-    turning,
+    torque_mask,
 )
 from graspless_pin.problem.cone_model import ConeModel, Section
 from graspless_pin.problem.cones import CONE_MODELS
@@ -246,7 +246,7 @@ class QuasistaticProblem:
     @cached_property
     def passive_turns(self) -> NDArray[np.bool_]:
         """(P,) mask of the passive coordinates whose loads are in N m."""
-        return turning(self.passive_units)
+        return torque_mask(self.passive_units)
 
     @property
     def cone_model(self) -> ConeModel:

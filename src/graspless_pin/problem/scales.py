@@ -8,7 +8,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from graspless_pin.problem.checks import FloatArray, JointUnit, read_only, squared_lengths, turning
+from graspless_pin.problem.checks import (
+    FloatArray,
+    JointUnit,
+    read_only,
+    squared_lengths,
+    torque_mask,
+)
 
 LEAST_LEVER = 1e-12
 """Joint scales use at least this share of the longest lever, so that none is zero."""
@@ -150,7 +156,7 @@ def scales_of_matrix(
         jacobian: (3M, L).
         limits: (M,) largest normal forces, N.
     """
-    turns = turning(units)
+    turns = torque_mask(units)
     pull, turn = (math.sqrt(float(part @ part)) for part in (load[~turns], load[turns]))
     levers = np.linalg.norm(matrix[turns].reshape(-1, len(limits), 3), axis=2)
     length = float(levers.max(initial=0.0))
@@ -176,7 +182,7 @@ def passive_levers(units: tuple[JointUnit, ...], length: float) -> FloatArray:
         units: (P,) units of the coordinates.
         length: See `Scales`, m.
     """
-    return np.where(turning(units), length, 1.0)
+    return np.where(torque_mask(units), length, 1.0)
 
 
 def coordinate_units(scales: Scales, units: tuple[JointUnit, ...]) -> FloatArray:

@@ -86,7 +86,9 @@ def active_set_of(program: Program, answer: Answer) -> ActiveSet | None:
     )
 
 
-def solved_on(program: Program, near: ActiveSet, cutoff: float) -> tuple[Answer, ActiveSet] | None:
+def optimum_on_active_set(
+    program: Program, near: ActiveSet, cutoff: float
+) -> tuple[Answer, ActiveSet] | None:
     """Return the optimum of a program on the active set of a similar program.
 
     Args:

@@ -23,7 +23,7 @@ _MOST_SIGN_ROUNDS = 4
 PrimalDual = tuple[FloatArray, FloatArray, FloatArray]
 
 
-def polished(program: Program, answer: PrimalDual) -> PrimalDual | None:
+def polished_answer(program: Program, answer: PrimalDual) -> PrimalDual | None:
     """Return the solution of the KKT system of an answer's active set, nearest to the answer.
 
     Args:
@@ -129,7 +129,9 @@ _LONG = np.longdouble
 _EPSILON = float(np.finfo(float).eps)
 
 
-def sharpened(program: Program, y: FloatArray, z: FloatArray) -> tuple[FloatArray, FloatArray]:
+def refined_multipliers(
+    program: Program, y: FloatArray, z: FloatArray
+) -> tuple[FloatArray, FloatArray]:
     """Return multipliers near the given ones with the highest dual bound.
 
     The bound is computed in extended precision, less its rounding error. Two changes are tried:

@@ -21,7 +21,7 @@ from graspless_pin.programs.program import FARTHEST, Program
 
 @dataclass(frozen=True)
 class Tradeoff(Objective):
-    """Algorithms 1 and 2 as one program: t and e/F >= 0 as variables, t minimised; see `aimed`.
+    """Algorithms 1 and 2 as one program: t and e/F >= 0 as variables; see `weighted_tradeoff`.
 
     Attributes:
         base: The objective that measures the torques.
@@ -50,7 +50,7 @@ class Tradeoff(Objective):
         return self.base.unit(problem, coordinates)
 
 
-def aimed(
+def weighted_tradeoff(
     program: Program, torque: float, margin: float, low: float = 0.0, high: float = np.inf
 ) -> Program:
     """Return the trade-off with the objective torque * t + margin * e / F, low <= e / F <= high."""

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from graspless_pin.errors import ArgumentError
 from graspless_pin.problem.checks import FloatArray, all_within
-from graspless_pin.programs.active_set_polish import polished
+from graspless_pin.programs.active_set_polish import polished_answer
 from graspless_pin.programs.program import FARTHEST, LARGEST_FIGURE, Program
 from graspless_pin.records import changed
 
@@ -299,7 +299,7 @@ def checked_answer(program: Program, backend: Backend, name: str, cutoff: float)
         if answer.outcome is not Outcome.FAILED:
             return answer
         best = max(best, answer.bound)
-    return failed(best)
+    return failed_answer(best)
 
 
 def _rescaled_answer(
@@ -308,23 +308,23 @@ def _rescaled_answer(
     """Return a solver's answer to a program rescaled by a factor, checked in the program itself."""
     raw = call_solver(backend, reduced if factor == 1.0 else rescaled_program(reduced, factor))
     if raw is None:
-        return failed(-np.inf)
+        return failed_answer(-np.inf)
     x, y, z = raw
     multipliers = factor * x, y, z if reduced is program else without_far_multipliers(program, z)
     answer = proven_answer(program, multipliers, name, cutoff)
     if answer.outcome is not Outcome.FAILED:
         return answer
-    refined = polished(program, multipliers)
+    refined = polished_answer(program, multipliers)
     if refined is not None:
         refined_answer = proven_answer(program, refined, name, cutoff)
         if refined_answer.outcome is not Outcome.FAILED:
             return refined_answer
     if program.residual(multipliers[0]) <= _LEAST_VIOLATION:
-        return failed(answer.bound)  # no proof exceeds the violation at a point
+        return failed_answer(answer.bound)  # no proof exceeds the violation at a point
     return (
         _proven_infeasible(program, multipliers[1:], name)
         or _proven_infeasible(program, _elastic_proof(program, backend), name)
-        or failed(answer.bound)
+        or failed_answer(answer.bound)
     )
 
 
@@ -392,7 +392,7 @@ def proven_answer(program: Program, found: Multipliers, name: str, cutoff: float
     is_met = residual <= PRIMAL_TOLERANCE and program.is_resolved
     if is_met and is_tight and _is_within_proof_box(program, x):
         return Answer(Outcome.SOLVED, x, y, z, value, bound, residual, 0.0, name)
-    return failed(bound)
+    return failed_answer(bound)
 
 
 def _refuse_hiding_boxes(program: Program, x: FloatArray, y: FloatArray, z: FloatArray) -> None:
@@ -458,7 +458,7 @@ def _is_outside(x: FloatArray, low: FloatArray, high: FloatArray) -> NDArray[np.
     return below | (x > high + PRIMAL_TOLERANCE * np.maximum(1.0, np.abs(high)))
 
 
-def failed(bound: float) -> Answer:
+def failed_answer(bound: float) -> Answer:
     """Return a failed answer: no solution, only a proven bound."""
     empty = np.zeros(0)
     return Answer(Outcome.FAILED, empty, empty, empty, np.inf, bound, np.inf, 0.0, "")
@@ -476,6 +476,6 @@ def _elastic_proof(program: Program, backend: Backend) -> tuple[FloatArray, Floa
     raw = call_solver(backend, relaxed)
     if raw is None:
         return None
-    candidates = raw, polished(relaxed, raw) or raw
+    candidates = raw, polished_answer(relaxed, raw) or raw
     best = max(candidates, key=lambda candidate: relaxed.dual_bound(candidate[1], candidate[2]))
     return elastic_multipliers(program, best[2])

@@ -189,7 +189,7 @@ def cone_rows(model: ConeModel, mask: bytes, friction: bytes, edges: int) -> Con
 
 
 @lru_cache(maxsize=_LAYOUTS_KEPT)
-def reach_of(mask: bytes, friction: bytes) -> FloatArray:
+def unit_force_bounds(mask: bytes, friction: bytes) -> FloatArray:
     """Return (2, n) bounds of forces inside cones, in units of the normal-force limits.
 
     Args:
@@ -379,7 +379,7 @@ class ForceRows:
 def force_rows(problem: QuasistaticProblem, coordinates: ForceCoordinates) -> ForceRows:
     """Return the constraints of a problem in its force coordinates."""
     mask, friction = problem.has_cone.tobytes(), problem.friction.tobytes()
-    reach = reach_of(mask, friction)
+    reach = unit_force_bounds(mask, friction)
     force, joints = coordinates.force_scale, coordinates.joint_scale
     limit = problem.max_normal_force / force
     weight = 1.0 / passive_levers(problem.passive_units, coordinates.length_scale)

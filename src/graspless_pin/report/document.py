@@ -2,7 +2,7 @@
 
 World axes throughout, SI units. Infinite limits and figures that do not exist are null.
 
-`accepted` withdraws the claims of an answer that the checker does not confirm from its document.
+`with_proven_claims` withdraws the claims that the checker does not confirm from the document.
 """
 
 from __future__ import annotations
@@ -385,7 +385,7 @@ _CLAIMS = (
 )
 
 
-def accepted(
+def with_proven_claims(
     solution: TorqueSolution, scene: Scene | None = None, verdict: StabilityVerdict | None = None
 ) -> tuple[TorqueSolution, StabilityVerdict | None]:
     """Return a solution and a verdict, reduced to the claims that their document proves.

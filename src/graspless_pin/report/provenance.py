@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from graspless_pin.algorithms.options import asked_by
+from graspless_pin.algorithms.options import name_and_figures
 from graspless_pin.errors import SceneError
 from graspless_pin.intake.files import FileKind, read_bytes
 from graspless_pin.problem import QuasistaticProblem
@@ -91,7 +91,7 @@ def solve_command(solution: TorqueSolution, scene_file: Path) -> str | None:
     All else is stated in the scene file. No command takes a given mode, or an objective without a
     name.
     """
-    name, figures = asked_by(solution.objective) or (solution.algorithm, {})
+    name, figures = name_and_figures(solution.objective) or (solution.algorithm, {})
     if solution.status.name.lower() in IN_MODE or name is None:
         return None
     words = ["graspless-pin", "solve", str(scene_file), "--algorithm", str(name)]

@@ -21,7 +21,7 @@ from graspless_pin.scene.robust_answer import CORNER_TIME, SHARE_TIME, STIFFNESS
 from graspless_pin.scene.scene_stability import MemberVerdicts
 from graspless_pin.scene.uncertain_figures import stated_uncertainty
 from graspless_pin.solution import Status, TorqueSolution
-from graspless_pin.solution.tables import COLUMNS, Table, counted, figure, torque_size
+from graspless_pin.solution.tables import COLUMNS, Table, figure, torque_size, with_noun
 
 _STILL = 1e-9
 """rad (m): smaller joint deflections are not reported."""
@@ -80,7 +80,7 @@ def robust_sentences(answer: RobustAnswer) -> list[str]:
     if robust.rest is not None:
         lines.append(
             f"Rest is the only outcome at each of {len(robust.rest.corners)} corners "
-            f"({counted(robust.rest.tried, 'set')} of torques tried)."
+            f"({with_noun(robust.rest.tried, 'set')} of torques tried)."
         )
     if answer.at_corners is not None:
         lines += _corner_sentences(answer.at_corners)
@@ -106,7 +106,7 @@ def _corner_sentences(judged: MemberVerdicts) -> list[str]:
         )
     if judged.left_out:
         lines.append(
-            f"{counted(judged.left_out, 'corner')} more could not be asked about in "
+            f"{with_noun(judged.left_out, 'corner')} more could not be asked about in "
             f"{CORNER_TIME:g} s; in Python `scene.stability_of_members` takes its time."
         )
     return [*lines, "Between the corners nothing is proven about rest."]

@@ -21,7 +21,7 @@ from graspless_pin.scene.minimum_stiffness import controller_words
 from graspless_pin.simulation import SimulatedOutcome, SimulatedRun, Simulation
 from graspless_pin.simulation.protocol import change_of_pose
 from graspless_pin.solution import Status
-from graspless_pin.solution.tables import Table, shown
+from graspless_pin.solution.tables import Table, decimals
 from graspless_pin.visualization import Role
 from graspless_pin.visualization.drawing import draw_bodies
 from graspless_pin.visualization.picture import Mark
@@ -125,8 +125,8 @@ def _force_table(
     rows: list[list[object]] = [
         [
             force.body,
-            *("moves" if value is None else shown(value, load) for value in force.simulated),
-            f"{shown(force.lower, load)} .. {shown(force.upper, load)}",
+            *("moves" if value is None else decimals(value, load) for value in force.simulated),
+            f"{decimals(force.lower, load)} .. {decimals(force.upper, load)}",
         ]
         for force in forces
     ]

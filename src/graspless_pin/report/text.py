@@ -16,7 +16,7 @@ from graspless_pin.scene.contact_arrays import touching_of
 from graspless_pin.scene.load_wrenches import object_motion
 from graspless_pin.solution import Status, TorqueSolution
 from graspless_pin.solution.active_limits import joint_limit_words, margin_limit_words
-from graspless_pin.solution.tables import COLUMNS, counted, figure, headed
+from graspless_pin.solution.tables import COLUMNS, figure, headed_text, with_noun
 
 if TYPE_CHECKING:
     from graspless_pin.scene.robust_answer import RobustAnswer
@@ -52,17 +52,17 @@ def scene_solution_text(
     problem = (solution if answer is None else answer.nominal).problem
     facts = (
         f"{scene.object.name}, {scene.object.mass:g} kg, "
-        f"{counted(problem.contact_count, 'contact')}, {counted(problem.joint_count, 'joint')}"
+        f"{with_noun(problem.contact_count, 'contact')}, {with_noun(problem.joint_count, 'joint')}"
     )
     parted = len(touching_of(scene)) - len(scene.contacts.arrays)
     if parted:
-        facts += f", {counted(parted, 'contact')} parted by the motion"
+        facts += f", {with_noun(parted, 'contact')} parted by the motion"
     if scene.loads:
-        facts += f", {counted(len(scene.loads), 'load')}"
+        facts += f", {with_noun(len(scene.loads), 'load')}"
     if scene.acceleration is not None:
         a = object_motion(scene).acceleration_of(scene.object.center_of_mass_world)
         facts += f", accelerating by {hypot(*a):.3g} m/s^2"
-    title = headed(scene.name, facts)
+    title = headed_text(scene.name, facts)
     title = f"{_serious_findings_line(solution)}{title}"
     if answer is not None:
         # Imported here: a scene without uncertainty does not need it.

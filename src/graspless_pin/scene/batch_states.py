@@ -22,11 +22,11 @@ from graspless_pin.geometry.contact.contact_points import SPEED_TOLERANCE
 from graspless_pin.geometry.contact.distances import solids_of
 from graspless_pin.geometry.hand.configuration import joints_of
 from graspless_pin.geometry.poses import turning_velocities
-from graspless_pin.geometry.posing.overlaps import pairs_of
+from graspless_pin.geometry.posing.overlaps import overlap_pairs
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.scene.contact_arrays import touching_of
-from graspless_pin.scene.entry_findings import reach_of
+from graspless_pin.scene.entry_findings import object_radius_bound
 from graspless_pin.scene.scene import Scene
 
 _MOST_KEPT = 256
@@ -163,7 +163,7 @@ class BatchContactFinder:
             (tree.coupling.S, tree.coupling.offset),
             (*tree.shape_placements, links),
             pieces,
-            core.BodyPairs(links, *pairs_of(tree).T) if self._collisions else None,
+            core.BodyPairs(links, *overlap_pairs(tree).T) if self._collisions else None,
         )
 
 
@@ -227,7 +227,7 @@ def _has_fixed_sliding(scene: Scene) -> bool:
     leaving = (normals * velocities).sum(axis=1)
     sliding_speeds = np.linalg.norm(velocities - leaving[:, None] * normals, axis=1)
     linear, spin = (float(np.linalg.norm(part)) for part in np.split(motion.object_twist, 2))
-    farthest = reach_of(scene.object) + scene.contact_tolerance
+    farthest = object_radius_bound(scene.object) + scene.contact_tolerance
     nearest = float(np.linalg.norm(arms, axis=1).max(initial=0.0))
     slow, fast = (SPEED_TOLERANCE * max(linear, spin * arm) for arm in (nearest, farthest))
     speeds = np.concatenate((sliding_speeds, np.abs(leaving)))

@@ -21,7 +21,7 @@ from graspless_pin.geometry.bodies.shape import Compound
 from graspless_pin.geometry.bodies.shapes import SHAPES, Shape
 from graspless_pin.geometry.hand.assembly import AssembledMounts
 from graspless_pin.geometry.poses import pose_matrix
-from graspless_pin.intake.yaml_source import Location, YamlSource, key_text, validated, with_known
+from graspless_pin.intake.yaml_source import Location, YamlSource, key_text, reused_entry, validated
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.records import changed
 from graspless_pin.scene.body_schema import (
@@ -90,7 +90,7 @@ class SceneParts:
         """
         entry = validated(source, SceneEntry)
         if self._before is not None:
-            entry = with_known(entry, source.data, *self._before)
+            entry = reused_entry(entry, source.data, *self._before)
         self._before = entry, source.data
         return entry
 
@@ -213,7 +213,7 @@ def build_pose(
     Raises:
         SceneError: Naming the part of the file.
     """
-    form, rotation = stated_turn(vars(entry))
+    form, rotation = rotation_form_and_value(vars(entry))
     try:
         return parts.latest.made(
             key_text(where), (entry,), lambda: pose_matrix(entry.position, rotation)
@@ -222,7 +222,7 @@ def build_pose(
         raise file.error((*where, form), error.message) from error
 
 
-def stated_turn(pose: Mapping[str, Any]) -> tuple[str, Any]:
+def rotation_form_and_value(pose: Mapping[str, Any]) -> tuple[str, Any]:
     """Return the form of a pose entry's rotation, and the rotation as `pose_matrix` takes it."""
     form = next((name for name in ROTATION_FORMS if pose.get(name) is not None), "rpy")
     return form, np.radians(pose[form]) if form == "rpy_deg" else pose.get(form)

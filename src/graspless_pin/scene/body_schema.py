@@ -37,7 +37,7 @@ from graspless_pin.intake.fields import (
     NotNegative,
     Positive,
     Signed,
-    listed,
+    as_list,
 )
 
 
@@ -261,7 +261,7 @@ class HandEntry(MountEntry):
     mounts: Annotated[list[PrefixedMountEntry], Field(max_length=16)] = Field(
         default=[], description="several robots, each with a prefix; instead of robot or urdf"
     )
-    group_states: Annotated[Few[Name], BeforeValidator(listed)] = Field(
+    group_states: Annotated[Few[Name], BeforeValidator(as_list)] = Field(
         default=[],
         description="a state of the SRDF, or a list of them, GROUP/STATE or STATE: positions of "
         "the joints that q does not name",

@@ -186,7 +186,7 @@ def unit_findings(target: ManipulatedObject, *, beside_hand: bool) -> Iterator[F
 
     if target.inertia is not None:
         moment = float(np.linalg.eigvalsh(target.inertia)[2])
-        largest = target.mass * reach_of(target) ** 2
+        largest = target.mass * object_radius_bound(target) ** 2
         if moment > largest:
             yield Finding(
                 FindingCode.UNLIKELY_INERTIA,
@@ -230,7 +230,7 @@ def box_around(target: ManipulatedObject) -> tuple[FloatArray, FloatArray]:
     return low, (solids.centers + solids.half_extents).max(axis=0)
 
 
-def reach_of(target: ManipulatedObject) -> float:
+def object_radius_bound(target: ManipulatedObject) -> float:
     """Return a bound on the distance of the object's points from its centre of mass, m."""
     pieces, center = target.placed_bodies, target.center_of_mass_world
     solids = solids_of(pieces.shapes)

@@ -122,18 +122,18 @@ def _part_or_none(node: Any, part: Any) -> Any:
         return None
 
 
-def copied(data: Any) -> Any:
+def deep_copy(data: Any) -> Any:
     """Return a deep copy in which parts repeated by YAML anchors are separate, too."""
     if isinstance(data, dict):
-        return {key: copied(item) for key, item in data.items()}
-    return [copied(item) for item in data] if isinstance(data, list) else data
+        return {key: deep_copy(item) for key, item in data.items()}
+    return [deep_copy(item) for item in data] if isinstance(data, list) else data
 
 
-def put(tree: Any, location: Location, value: Any) -> Any:
+def with_value_at(tree: Any, location: Location, value: Any) -> Any:
     """Return a copy of a tree with a value at a location; other parts are shared."""
     first, *rest = location
     changed = tree.copy()
-    changed[first] = put(tree[first], tuple(rest), value) if rest else value
+    changed[first] = with_value_at(tree[first], tuple(rest), value) if rest else value
     return changed
 
 
@@ -145,7 +145,7 @@ def _without_alternatives(tree: Any, location: Location, stated: set[Location]) 
         node = node[step]
     for alternative in (one for names in _EITHER if name in names for one in names if one != name):
         if alternative in node and (*parent, alternative) not in stated:
-            tree = put(tree, (*parent, alternative), None)
+            tree = with_value_at(tree, (*parent, alternative), None)
     return tree
 
 
@@ -175,7 +175,7 @@ def scene_with_keys(scene: AnyScene, values: Mapping[str, Any]) -> AnyScene:
         if top_key not in SceneEntry.model_fields or top_key in _NO_FIELD:
             known = [name for name in SceneEntry.model_fields if name not in _NO_FIELD]
             raise ArgumentError(key, f"is no key of a scene; {names_in_words(top_key, known)}")
-        tree = put(tree, location, plain(value))
+        tree = with_value_at(tree, location, plain(value))
         changed_keys.add(top_key)
         if value is not None:
             stated.add(location)

@@ -27,7 +27,7 @@ from graspless_pin.holding.controller import (
 from graspless_pin.holding.dynamics import (
     LEAST_LOAD,
     motion_units,
-    without_slip,
+    no_slip_basis,
     world_forces,
 )
 from graspless_pin.holding.small_motions import (
@@ -416,7 +416,7 @@ def _no_slip_motions(
     """
     carriers = _carriers(scene, problem)
     joints = np.isin(np.arange(problem.joint_count), carriers)
-    basis, kept, units = without_slip(problem, np.append(np.ones(6, bool), joints), bears=bears)
+    basis, kept, units = no_slip_basis(problem, np.append(np.ones(6, bool), joints), bears=bears)
     basis[np.abs(basis) < _MOTION_ROUNDING] = 0.0  # so that no feedback acts on rounding
     velocities = np.zeros((6 + problem.joint_count, basis.shape[1]))
     velocities[kept] = units[:, None] * basis

@@ -194,7 +194,7 @@ def loads_of(scene: SceneFields, state: JointedContacts) -> Loads:
     )
 
 
-def renewed_row(
+def updated_load_row(
     scene: SceneFields, state: JointedContacts, before: SceneFields, row: FloatArray
 ) -> FloatArray | None:
     """Return the row of a scene that may have the same contacts and joints as an earlier one.

@@ -18,7 +18,7 @@ from graspless_pin.programs.objectives import Margin
 from graspless_pin.records import Brief, changed
 from graspless_pin.scene.scene import Scene
 from graspless_pin.scene.scene_stability import MemberVerdicts, verdicts_of_members
-from graspless_pin.scene.uncertain import stated_by
+from graspless_pin.scene.uncertain import stated_uncertainty
 from graspless_pin.solution import Status, TorqueSolution
 from graspless_pin.tree_search import Limits
 
@@ -89,7 +89,7 @@ def robust_answer(
     Raises:
         ArgumentError: See `Scene.solve`.
     """
-    uncertainty = stated_by(scene)
+    uncertainty = stated_uncertainty(scene)
 
     def solve_share(share: float = 1.0, **further: Any) -> RobustSolution:
         merged = {**options, **further}

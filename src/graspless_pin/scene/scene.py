@@ -48,7 +48,7 @@ from graspless_pin.scene.scene_stability import (
     verdicts_of_members,
 )
 from graspless_pin.solution import TorqueSolution
-from graspless_pin.solution.tables import counted
+from graspless_pin.solution.tables import with_noun
 from graspless_pin.suggestions import first_of
 
 if TYPE_CHECKING:
@@ -104,10 +104,10 @@ class Scene(SceneFields):
         """Return name and sizes in one line, without computing anything."""
         joints = "no hand"
         if self.hand is not None:
-            joints = f"a hand of {counted(len(self.hand.joint_names), 'joint')}"
+            joints = f"a hand of {with_noun(len(self.hand.joint_names), 'joint')}"
         return (
             f"<Scene {self.name!r}: {self.object.name}, {self.object.mass:g} kg, {joints}, "
-            f"{counted(len(self.supports), 'support')}>"
+            f"{with_noun(len(self.supports), 'support')}>"
         )
 
     def __str__(self) -> str:
@@ -126,7 +126,7 @@ class Scene(SceneFields):
                 ", ".join(hand.fingers) or "no fingers", _WIDEST_LIST, placeholder=" ..."
             )
             lines.append(
-                f"hand      {fingers}: {counted(len(hand.joint_names), 'joint')}, "
+                f"hand      {fingers}: {with_noun(len(hand.joint_names), 'joint')}, "
                 f"{len(hand.actuated_joint_names)} under force control"
             )
         lines += _first_lines_of_kind(
@@ -256,9 +256,9 @@ class Scene(SceneFields):
         objective, settings = self.asked(algorithm, **options)
         if uncertainty is not None and uncertainty is not False:
             # Imported here: scenes without uncertainty do not need it.
-            from graspless_pin.scene.uncertain import solve_uncertain, stated_by
+            from graspless_pin.scene.uncertain import solve_uncertain, stated_uncertainty
 
-            unknown = stated_by(self) if uncertainty is True else uncertainty
+            unknown = stated_uncertainty(self) if uncertainty is True else uncertainty
             return solve_uncertain(self, objective, settings, unknown, feedback=feedback, mode=mode)
         refuse_feedback_alone(feedback)
         rest_model = rest_model_of(self) if settings.strong else None

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from graspless_pin.algorithms.options import users_of
+from graspless_pin.algorithms.options import other_algorithms_with
 from graspless_pin.errors import GrasplessPinError, StateError, StateFault
 from graspless_pin.findings import Finding, FindingCode, capture, causes_first
 from graspless_pin.geometry.contact.contact_points import BodyKind
@@ -193,7 +193,7 @@ def unused_figures(options: Mapping[str, Any], stated: StatedFields | None) -> I
     """
     algorithm = options.get("algorithm", "margin")
     for key, value in options.items():
-        users = users_of(key, algorithm)
+        users = other_algorithms_with(key, algorithm)
         if users and value is not None and value != SolveEntry.model_fields[key].default:
             note = "; graspless-pin place and planning use it as it is" if key == "margin" else ""
             finding = Finding(

@@ -100,14 +100,14 @@ def verdict_of(
     # Imported here: solving without a verdict does not need its search and solver.
     from graspless_pin.holding.stability import stability, undecided_verdict
 
-    problem, reason = problem_of(scene), unknown_of(scene)
+    problem, reason = problem_of(scene), no_verdict_reason(scene)
     if friction is not None:
         problem = problem.with_changes(friction=friction)
     motors = motor_torques(problem.joint_names, torques)
     if reason:
-        return known_of_scene(scene, undecided_verdict(problem, motors, reason, **options))
+        return verdict_with_scene_data(scene, undecided_verdict(problem, motors, reason, **options))
     problem = rest_problem(scene, problem, motors)
-    return known_of_scene(scene, stability(problem, motors, **options))
+    return verdict_with_scene_data(scene, stability(problem, motors, **options))
 
 
 def solution_verdict(
@@ -126,11 +126,11 @@ def solution_verdict(
     """
     guaranteed = None if solution.guarantee is None else solution.guarantee.verdict
     if guaranteed is not None:
-        return known_of_scene(scene, guaranteed)
+        return verdict_with_scene_data(scene, guaranteed)
     return verdict_of(scene, solution.torques, **options)
 
 
-def known_of_scene(scene: SceneFields, verdict: StabilityVerdict) -> StabilityVerdict:
+def verdict_with_scene_data(scene: SceneFields, verdict: StabilityVerdict) -> StabilityVerdict:
     """Return a verdict on a scene's problem, completed by the scene: controller, fingers, rolling.
 
     Whether rest lasts depends on how contacts roll, which a problem does not have.
@@ -168,18 +168,18 @@ def rest_model_of(scene: SceneFields) -> RestModel:
     from graspless_pin.scene.minimum_stiffness import linearized_motions
 
     if not scene.controller.is_stated or problem_of(scene).is_sliding.any():
-        return RestModel(unknown_of(scene))
+        return RestModel(no_verdict_reason(scene))
     return RestModel(
-        unknown_of(scene),
+        no_verdict_reason(scene),
         lambda: linearized_motions(scene),
-        lambda problem, torques, **limits: known_of_scene(
+        lambda problem, torques, **limits: verdict_with_scene_data(
             scene, stability(rest_problem(scene, problem, torques), torques, **limits)
         ),
         lasts=True,
     )
 
 
-def unknown_of(scene: SceneFields) -> str:
+def no_verdict_reason(scene: SceneFields) -> str:
     """Return why a scene has no verdict on torques; empty if it can have one."""
     if why := CONE_MODELS[checked_cone(scene.cone)].no_verdict:
         return why

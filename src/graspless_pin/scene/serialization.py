@@ -20,7 +20,7 @@ from graspless_pin.geometry.robots.files import find_robot, load_robot, robot_na
 from graspless_pin.holding.controller import DAMPING
 from graspless_pin.intake.yaml_source import plain
 from graspless_pin.problem import ControlMode
-from graspless_pin.scene.body_building import stated_turn
+from graspless_pin.scene.body_building import rotation_form_and_value
 from graspless_pin.scene.fields import SceneFields
 from graspless_pin.scene.scene_schema import PLAIN_FIGURES, SolveEntry
 from graspless_pin.scene.uncertain_figures import stated_uncertainty
@@ -136,7 +136,7 @@ def stated_rotation(R: ArrayLike, form: str = "rpy") -> dict[str, Any]:
         angles = roll_pitch_yaw(matrix)
         file_angle = degrees_of if form == "rpy_deg" else rounded_angle
         numbers = [file_angle(angle) for angle in angles]
-    pose = pose_matrix(np.zeros(3), stated_turn({form: numbers})[1])
+    pose = pose_matrix(np.zeros(3), rotation_form_and_value({form: numbers})[1])
     if np.abs(pose[:3, :3] - matrix).max() > _SAME_ROTATION:
         return {"matrix": plain(matrix)}
     return {form: numbers} if form == "quaternion" or any(numbers) else {}

@@ -30,7 +30,7 @@ from graspless_pin.modes.rules import SlidingMode
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, motor_torques
 from graspless_pin.problem.matrices import wrench_map
-from graspless_pin.problem.members import Member, feedback_torques, joined
+from graspless_pin.problem.members import Member, feedback_torques, join_members
 from graspless_pin.programs.analysis_objectives import AtTorques
 from graspless_pin.programs.objectives import Objective
 from graspless_pin.scene.entry_findings import box_around, likely_lengths
@@ -200,7 +200,7 @@ def _set_at_torques(
         )  # fmt: skip
     whole: TorqueSolution = best.solution
     if len(best.joined_members) < len(best.members):
-        whole = solve_problem(joined(best.members, directions), objective, options)
+        whole = solve_problem(join_members(best.members, directions), objective, options)
     fixed = solve_problem(
         whole.problem, AtTorques(objective, commands), options, mode=whole.given_mode
     )
@@ -262,7 +262,7 @@ def corners_in(
     return corners_of(problem, figures, arguments["weight"], stiffness)
 
 
-def stated_by(scene: SceneFields) -> Uncertainty:
+def stated_uncertainty(scene: SceneFields) -> Uncertainty:
     """Return the uncertainty that a scene states.
 
     Raises:

@@ -19,7 +19,7 @@ from graspless_pin.geometry import BodyKind, ManipulatedObject, unwanted_overlap
 from graspless_pin.geometry.hand.joint_columns import JointedBody, jointed_bodies
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.poses import invert, turned_about
-from graspless_pin.geometry.posing.finger_joints import bent_hand
+from graspless_pin.geometry.posing.finger_joints import hand_with_moved_actuators
 from graspless_pin.holding.controller import ARMATURE, Controller, gain_shares
 from graspless_pin.holding.dynamics import contact_jacobian
 from graspless_pin.problem import ControlMode, QuasistaticProblem
@@ -331,7 +331,7 @@ def _with_closed_gaps(scene: Scene, rates: FloatArray) -> tuple[FloatArray, Mani
         if np.abs(step).max() < _CLOSED:
             break
         try:
-            hand = None if hand is None else bent_hand(hand, step[6:])
+            hand = None if hand is None else hand_with_moved_actuators(hand, step[6:])
             moved_scene = moved_scene.with_changes(object=manipulated, hand=hand)
             has_all = moved_scene.problem().joint_count == len(is_moving)
         except SceneError:  # a joint beyond its limits, which the simulation does not have

@@ -12,10 +12,10 @@ from graspless_pin.problem.checks import FloatArray
 from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.solution.certificate import Status
 from graspless_pin.solution.tables import (
+    decimals,
     force_sizes,
     friction_use,
     limit_shares,
-    shown,
     torque_rounding,
     torque_size,
 )
@@ -133,7 +133,7 @@ def joint_limit_words(solution: TorqueSolution) -> str:
     torque, size = float(torques[joint]), torque_size(problem, torques)
     rounding = torque_rounding(problem, solution.contact_torques)[joint]
     limit = (problem.upper_torque if torque >= 0.0 else problem.lower_torque)[joint]
-    figure = shown(torque, size, "+", rounding)
+    figure = decimals(torque, size, "+", rounding)
     if figure == "0":
         return ""
     spent = "; nothing is left for feedback to add" if shares[joint] >= 1.0 - _TIE_TOLERANCE else ""

@@ -167,13 +167,13 @@ def joint_table(problem: QuasistaticProblem, from_contacts: FloatArray) -> Table
         problem.joint_names,
         *(
             [
-                shown(value, size, "+", resolution)
+                decimals(value, size, "+", resolution)
                 for value, resolution in zip(column.tolist(), rounding, strict=True)
             ]
             for column in (from_contacts, problem.gravity_torques, torques)
         ),
         *(
-            [shown(value, size, "+", 0.0) for value in column.tolist()]
+            [decimals(value, size, "+", 0.0) for value in column.tolist()]
             for column in (problem.lower_torque, problem.upper_torque)
         ),
         [f"{100.0 * share:.1f} %" if np.isfinite(share) else "-" for share in shares],
@@ -209,7 +209,7 @@ def contact_table(
     for contact in range(problem.contact_count):
         where = " ".join(coordinate(x, length) for x in problem.positions[contact].tolist())
         name = [bodies[contact]] if bodies is not None else []
-        force = shown(float(normal[contact]), load, "", rounding[contact])
+        force = decimals(float(normal[contact]), load, "", rounding[contact])
         rows.append([contact, *name, where, force, shares[contact], tokens[contact]])
     headers = ["#", "point [m]", "normal", "of mu", "slides"]
     if bodies is not None:
@@ -264,22 +264,22 @@ def certificate_text(
             f"tenth of the threshold it is {slow}, with ten times {fast}"
         )
     lines.append(
-        f"search: {counted(proof.nodes, 'node')}, "
-        f"{counted(proof.modes_examined, 'mode')}, "
-        f"{counted(proof.force_programs, 'force program')}, "
-        f"{counted(proof.kinematic_programs, 'kinematic program')}"
+        f"search: {with_noun(proof.nodes, 'node')}, "
+        f"{with_noun(proof.modes_examined, 'mode')}, "
+        f"{with_noun(proof.force_programs, 'force program')}, "
+        f"{with_noun(proof.kinematic_programs, 'kinematic program')}"
         + (f", answer by {proof.solver}" if proof.solver else "")
     )
     return "\n".join(lines)
 
 
-def headed(head: str, text: str) -> str:
+def headed_text(head: str, text: str) -> str:
     """Return ``head: text`` in one line, or in two if that is wider than 80 characters."""
     between = " " if len(head) + len(text) + 2 <= COLUMNS else "\n"
     return f"{head}:{between}{text}"
 
 
-def shown(value: float, size: float, sign: str = "", rounding: float | None = None) -> str:
+def decimals(value: float, size: float, sign: str = "", rounding: float | None = None) -> str:
     """Return a formatted figure: four decimals, or five digits if the size is far from 1.
 
     Rounding of zero is printed as 0, and figures too small for four decimals with two digits.
@@ -299,7 +299,7 @@ def shown(value: float, size: float, sign: str = "", rounding: float | None = No
 
 def coordinate(value: float, length: float) -> str:
     """Return a formatted coordinate with its sign; the length is the size of comparable ones."""
-    return f"{round(value, 4) + 0.0:+.4f}" if _is_ordinary(length) else shown(value, length, "+")
+    return f"{round(value, 4) + 0.0:+.4f}" if _is_ordinary(length) else decimals(value, length, "+")
 
 
 def figure(value: float, size: float) -> str:
@@ -338,7 +338,7 @@ def _is_ordinary(size: float) -> bool:
     return _LEAST_EVERYDAY <= size <= _MOST_EVERYDAY
 
 
-def counted(number: int, noun: str) -> str:
+def with_noun(number: int, noun: str) -> str:
     """Return a number with its noun, singular or plural: ``1 joint``, ``2 joints``."""
     return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
 

@@ -35,7 +35,7 @@ from graspless_pin.solution.tables import (
     certificate_text,
     contact_table,
     figure,
-    headed,
+    headed_text,
     joint_table,
     paragraph,
     torque_size,
@@ -388,7 +388,7 @@ class TorqueSolution:
         size = torque_size(self.problem, self.torques)
         value = "" if self.algorithm or of_margin else f", value = {self.value:g}"
         return (
-            f"{headed(title, self.status.message)}\n"
+            f"{headed_text(title, self.status.message)}\n"
             f"margin e = {figure(self.margin, self.problem.scales.force)} N, max |torque| = "
             f"{figure(self.max_torque, size)} {self.max_torque_unit}"
             f"{value} {self.objective.unit_text if value else ''}".rstrip()

@@ -13,7 +13,7 @@ from graspless_pin.programs.answers import (
     Multipliers,
     Outcome,
     checked_answer,
-    failed,
+    failed_answer,
 )
 from graspless_pin.programs.program import Program
 from graspless_pin.solvers.conic_backends import by_clarabel, by_cuts
@@ -81,7 +81,7 @@ def solve(program: Program, solver: str = ANY_SOLVER, *, cutoff: float = np.inf)
         if answer.outcome is not Outcome.FAILED:
             return answer
         best_bound = max(best_bound, answer.bound)
-    return failed(best_bound)
+    return failed_answer(best_bound)
 
 
 @cache

@@ -14,8 +14,8 @@ from graspless_pin.errors import ArgumentError, GrasplessPinError, StudyError
 from graspless_pin.geometry.poses import invert, pose_matrix, rigid, transformed
 from graspless_pin.intake.yaml_source import Location, is_whole_number, unknown_key
 from graspless_pin.problem.checks import FloatArray
-from graspless_pin.scene.body_building import stated_turn
-from graspless_pin.scene.keys import Tree, place_key, put
+from graspless_pin.scene.body_building import rotation_form_and_value
+from graspless_pin.scene.keys import Tree, place_key, with_value_at
 from graspless_pin.scene.scene_schema import SceneEntry
 from graspless_pin.scene.units import ANY, SI_UNITS, UNITS, Unit, kinds_of, offset_key
 from graspless_pin.studies.study_schema import MoveEntry, PosingEntry, TurnEntry, VariableEntry
@@ -134,7 +134,7 @@ def _vector_entries(tree: Tree, what: Sequence[str]) -> Iterator[tuple[Any, Any]
 
 
 def _pose_of(entry: Tree) -> FloatArray:
-    return pose_matrix(entry.get("position", (0.0, 0.0, 0.0)), stated_turn(entry)[1])
+    return pose_matrix(entry.get("position", (0.0, 0.0, 0.0)), rotation_form_and_value(entry)[1])
 
 
 @dataclass(frozen=True, eq=False)
@@ -206,7 +206,7 @@ class Variable:
             as_it_is = self.unit.factor == factor == 1.0 and offset == 0.0
             scaled = is_number and not as_it_is
             number = factor * (value * self.unit.factor) + offset if scaled else value
-            tree = put(tree, location, number)
+            tree = with_value_at(tree, location, number)
         return tree
 
     def _ends(self) -> tuple[float, float]:

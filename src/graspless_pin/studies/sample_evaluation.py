@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from graspless_pin.algorithms.batch_optimum import LoadSweep
-from graspless_pin.algorithms.batch_programs import are_for
+from graspless_pin.algorithms.batch_programs import loops_cover
 from graspless_pin.algorithms.comparison import minimum_friction
 from graspless_pin.algorithms.disturbances import disturbance_margin
 from graspless_pin.algorithms.force_bounds import contact_force_bounds
@@ -28,7 +28,7 @@ from graspless_pin.scene.problem_data import (
     jointed_contacts,
     loads_of,
     problem_at,
-    renewed_row,
+    updated_load_row,
 )
 from graspless_pin.scene.scene import Scene
 from graspless_pin.scene.scene_findings import StateChecks, state_findings
@@ -102,7 +102,7 @@ def stated_sample(scene: Scene, checks: StateChecks, before: StatedSample | None
         SceneError: If the scene has no problem.
     """
     if before is not None:
-        row = renewed_row(scene, before.kind.state, before.scene, before.loads)
+        row = updated_load_row(scene, before.kind.state, before.scene, before.loads)
         if row is not None:
             rubbing = (row[: len(before.kind.state.positions)] > 0.0).tobytes()
             is_same = rubbing == before.kind.rubbing
@@ -141,7 +141,7 @@ class SampleBlock:
             current is None or kind.state is not current.state or kind[1:] != current[1:]
         ):
             yield from self.finish()
-        if kind is current or are_for(CONE_MODELS[kind.cone], kind.objective, kind.options):
+        if kind is current or loops_cover(CONE_MODELS[kind.cone], kind.objective, kind.options):
             self._kind = kind
             self._run.append((number, stated))
         else:

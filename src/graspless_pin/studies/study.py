@@ -14,17 +14,17 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Protocol
 
-from graspless_pin.algorithms.options import useless
+from graspless_pin.algorithms.options import why_without_effect
 from graspless_pin.caching import Bounded, is_alike
 from graspless_pin.errors import GrasplessPinError, SceneError, StudyError
 from graspless_pin.findings import capture
 from graspless_pin.intake.files import FileKind, files_read, is_file, read_bytes
 from graspless_pin.intake.yaml_source import Location, YamlSource, key_text, validated
-from graspless_pin.intake.yaml_text import texts_of
+from graspless_pin.intake.yaml_text import all_texts
 from graspless_pin.planning.placing import HandPlacement, place_hand
 from graspless_pin.scene.body_building import SceneParts
 from graspless_pin.scene.entry_findings import materials_in_words, other_materials
-from graspless_pin.scene.keys import Tree, copied
+from graspless_pin.scene.keys import Tree, deep_copy
 from graspless_pin.scene.load import FIELDS_BY_KEY, build_scene
 from graspless_pin.scene.poses import close_fingers
 from graspless_pin.scene.scene import Scene
@@ -171,7 +171,7 @@ class Study:
         Raises:
             StudyError: See `load_study`.
         """
-        return _make_study(YamlSource(Path("study"), copied(dict(data)), _STUDY), Path(folder))
+        return _make_study(YamlSource(Path("study"), deep_copy(dict(data)), _STUDY), Path(folder))
 
     def placed_at(self, sample: Sample) -> Tree:
         """Return the scene's tree with the keys of one sample set, before bodies are moved."""
@@ -189,7 +189,7 @@ class Study:
             if (motion := variable.entry.move or variable.entry.turn) is not None
         ]
         if motions:
-            tree = tree | {name: copied(tree[name]) for name in MOVABLE if name in tree}
+            tree = tree | {name: deep_copy(tree[name]) for name in MOVABLE if name in tree}
         for motion, amount in motions:
             displace(tree, motion, amount)
         return tree
@@ -318,7 +318,7 @@ def _make_study(source: YamlSource, folder: Path) -> Study:
     tree = in_radians(scene.data)
     options = entry.compute.solve_options()
     tree["solve"] = {**(tree.get("solve") or {}), **options}
-    tree |= copied(scene_and_posing(source.data)[1])
+    tree |= deep_copy(scene_and_posing(source.data)[1])
     defaults = validated_scene.model_dump() | entry.model_dump(include={*PosingEntry.model_fields})
     variables = tuple(
         make_variable(
@@ -435,7 +435,7 @@ def _check_algorithm(
         return
     algorithm = tree["solve"].get("algorithm", "margin")
     for key in (*options, *varied):
-        if reason := useless(str(key), algorithm):
+        if reason := why_without_effect(str(key), algorithm):
             if key in options:
                 raise fail(("compute", key), reason)
             name, scene_key = varied[key], f"solve.{key}"
@@ -452,7 +452,7 @@ def _fingerprint(entry: StudyEntry, scene: YamlSource, variables: tuple[Variable
             tree,
             *(v.with_value(tree, end) for v in variables for end in v.extremes()),
         ):
-            present = {text: folder / text for text in texts_of(variant) if is_file(folder / text)}
+            present = {text: folder / text for text in all_texts(variant) if is_file(folder / text)}
             if variant is tree or present.keys() - named_files.keys():
                 named_files |= present
                 with suppress(GrasplessPinError):  # reported in the rows of its samples

@@ -25,14 +25,14 @@ from graspless_pin.intake.fields import (
     Seconds,
     Signed,
     Whole,
-    listed,
+    as_list,
 )
 from graspless_pin.scene.body_schema import Direction, Vector
 from graspless_pin.scene.scene_schema import AlgorithmName, SolveEntry, with_figures
 
 Fingers = Annotated[
     Few[Name] | None,
-    BeforeValidator(listed),
+    BeforeValidator(as_list),
     Field(description="that close; default: all"),
 ]
 
@@ -99,7 +99,7 @@ _AS_SOLVE = "as in the scene's solve"
 Scalar = bool | int | float | str
 What = Annotated[
     Few[Name],
-    BeforeValidator(listed),
+    BeforeValidator(as_list),
     Field(
         min_length=1,
         description="object, hand, a support or a mount's prefix; for a turn also gravity, "

@@ -44,7 +44,7 @@ from graspless_pin.viewer.scene_process import (
     SceneProcess,
     Settings,
     SettingsAnswer,
-    came_and_went,
+    contact_changes_text,
     error_text,
     free_name,
     initial_settings,
@@ -391,7 +391,7 @@ class Viewer:
         before = self._initial.solution if same else None
         changes = ""
         if shown.bodies is not None and self._initial.bodies is not None:
-            changes = came_and_went(self._initial.bodies, shown.bodies)
+            changes = contact_changes_text(self._initial.bodies, shown.bodies)
         self._headline.content = headline_html(shown, dark=self._dark)
         self._verdict.content = note_html(
             "graspless-changes", changes and f"since loading: {changes}"

@@ -12,14 +12,14 @@ from typing import Any
 
 import numpy as np
 
-from graspless_pin.algorithms.options import OBJECTIVES, useless
+from graspless_pin.algorithms.options import OBJECTIVES, why_without_effect
 from graspless_pin.holding.verdict import Stability
 from graspless_pin.holding.verdict_words import lead_and_words
 from graspless_pin.problem.checks import units_text
 from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.scene import Scene
 from graspless_pin.solution import TorqueSolution
-from graspless_pin.solution.tables import limit_shares, shown, torque_rounding, torque_size
+from graspless_pin.solution.tables import decimals, limit_shares, torque_rounding, torque_size
 from graspless_pin.viewer.auth import Gate, is_switch, number_between, one_of
 from graspless_pin.viewer.controls import ALONG, HAND_PLACE, OBJECT_PLACE, Control, controls_of
 from graspless_pin.viewer.scene_process import Settings, SettingsAnswer
@@ -126,7 +126,7 @@ def torque_html(result: SettingsAnswer, *, dark: bool) -> str:
             f'text-overflow:ellipsis" title="{escape(name)}">{escape(name)}</span>'
             f"{_bar_html(torque, low, high, color)}"
             '<span style="text-align:right;font-variant-numeric:tabular-nums">'
-            f"{shown(torque, size, '+', rounding[index])}</span></div>"
+            f"{decimals(torque, size, '+', rounding[index])}</span></div>"
         )
     return (
         f'<div id="graspless-torques" style="{_TEXT};line-height:1.4"><b>Torques</b>{"".join(rows)}'
@@ -144,7 +144,7 @@ def headline_html(result: SettingsAnswer, *, dark: bool) -> str:
     color = _verdict_color(result, dark=dark)
     if solution is not None and solution.found:
         lead, _ = lead_and_words(result.verdict or "")
-        message = f"margin e <b>{shown(solution.margin, solution.problem.scales.force)}</b> N"
+        message = f"margin e <b>{decimals(solution.margin, solution.problem.scales.force)}</b> N"
         message += f" · {escape(lead)}" if lead else ""
     return (
         f'<div id="graspless-headline" style="{_TEXT};font-size:15px;padding-bottom:4px;'
@@ -210,13 +210,13 @@ def _figure_html(
     top = max(2.0 * abs(before) if before else 0.0, abs(value)) or size
     compared = ""
     if before is not None:
-        compared = f'<span style="{_MUTED}">as loaded {shown(before, size)}</span>'
+        compared = f'<span style="{_MUTED}">as loaded {decimals(before, size)}</span>'
     mark = "" if before is None else _mark_html(before / top)
     return (
         '<div style="display:flex;flex-wrap:wrap;justify-content:space-between;'
         'align-items:baseline;column-gap:8px;white-space:nowrap">'
         f'<span>{escape(label)} <b style="font-size:17px;font-variant-numeric:tabular-nums">'
-        f"{shown(value, size)}</b> {escape(unit)}</span>{compared}</div>"
+        f"{decimals(value, size)}</b> {escape(unit)}</span>{compared}</div>"
         '<div style="position:relative;height:8px;margin:2px 0 6px;'
         'background:rgba(128,128,128,0.25)"><div style="position:absolute;left:0;top:0;bottom:0;'
         f'width:{100.0 * max(value, 0.0) / top:.2f}%;background:{color}"></div>{mark}</div>'
@@ -354,7 +354,7 @@ class ControlPanel:
                 if value != self._controls[key].initial
             }
             self.settings = replace(settings, values=moved)
-            self._margin.disabled = bool(useless("margin", settings.algorithm))
+            self._margin.disabled = bool(why_without_effect("margin", settings.algorithm))
             self._changed(self.settings)
 
     def _show_settings(self, settings: Settings) -> None:
@@ -364,7 +364,7 @@ class ControlPanel:
         try:
             self._algorithm.value = names[settings.algorithm]
             self._margin.value = settings.required_margin
-            self._margin.disabled = bool(useless("margin", settings.algorithm))
+            self._margin.disabled = bool(why_without_effect("margin", settings.algorithm))
             for key, control in self._controls.items():
                 value = settings.values.get(key, control.initial)
                 self._inputs[key].value = bool(value) if key == ALONG else value

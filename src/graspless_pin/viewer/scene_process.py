@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from graspless_pin.algorithms.options import useless
+from graspless_pin.algorithms.options import why_without_effect
 from graspless_pin.algorithms.robust_solution import RobustSolution
 from graspless_pin.algorithms.uncertainty import Quantity
 from graspless_pin.child_process import ChildProcess
@@ -161,7 +161,7 @@ def _solve_and_draw(scene: Scene, settings: Settings) -> SettingsAnswer:
         warnings.simplefilter("ignore", GrasplessPinWarning)  # they were shown at loading
         try:
             changed = changed_scene(scene, settings.values)
-            takes_margin = not useless("margin", settings.algorithm)
+            takes_margin = not why_without_effect("margin", settings.algorithm)
             options: dict[str, Any] = {"margin": settings.required_margin} if takes_margin else {}
             if changed.uncertainty is None:
                 solution = changed.solve(settings.algorithm, **options)
@@ -206,7 +206,7 @@ def _served_set_text(robust: RobustSolution) -> str:
     )
 
 
-def came_and_went(before: Sequence[str], after: Sequence[str]) -> str:
+def contact_changes_text(before: Sequence[str], after: Sequence[str]) -> str:
     """Return in words which contacts are gone or new after a change; empty: none.
 
     Contacts are told apart by the body that touches, not by their positions, which change with

@@ -15,7 +15,7 @@ from graspless_pin.problem.checks import FloatArray, finite_array, read_only
 from graspless_pin.scene.load_wrenches import ActingForce
 from graspless_pin.solution import TorqueSolution
 from graspless_pin.solution.active_limits import ContactLimit, contact_rooms, limiting_contacts
-from graspless_pin.solution.tables import contact_states, force_rounding, friction_use, shown
+from graspless_pin.solution.tables import contact_states, decimals, force_rounding, friction_use
 from graspless_pin.visualization.picture import (
     Mark,
     Mesh,
@@ -64,7 +64,7 @@ def contact_words(
         nearest = int(np.argmin(reserves[index]))
         limits = [limit for limit, contacts in limiting if index in contacts]
         reserve, own_normal, own_friction = (
-            shown(float(one), load, "", rounding[index])
+            decimals(float(one), load, "", rounding[index])
             for one in (reserves[index, nearest], normal[index], friction[index])
         )
         distance = f"{reserve} N from "

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from graspless_pin.errors import SceneError
 from graspless_pin.geometry.hand.model import Hand
-from graspless_pin.geometry.posing.finger_joints import bent_hand
+from graspless_pin.geometry.posing.finger_joints import hand_with_moved_actuators
 from graspless_pin.holding.verdict import DynamicOutcome
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, read_only
@@ -213,7 +213,7 @@ def _link_paths(hand: Hand, bends: FloatArray) -> dict[str, FloatArray]:
     hands: list[Hand] = []
     for bend in bends:
         with suppress(SceneError):  # at a limit the hand stays
-            bent = bent_hand(hand, bend)
+            bent = hand_with_moved_actuators(hand, bend)
         hands.append(bent)
     paths = {}
     for link in hand.tree.link_frames:

@@ -165,7 +165,7 @@ def convex_pieces(mesh: trimesh.Trimesh, label: str, cut: Cut = Cut()) -> tuple[
         return cached
     time_words = f"for {cut.time_limit:g} s at most"
     with waiting_for(f"cutting {label} into convex pieces, {time_words}", everywhere=True):
-        pieces = _cut(mesh, label, cut)
+        pieces = _cut_pieces(mesh, label, cut)
     _write(file, pieces)
     return pieces
 
@@ -176,7 +176,7 @@ def _is_convex(mesh: trimesh.Trimesh) -> bool:
     return abs(mesh.volume) >= _CONVEX_SHARE * mesh.convex_hull.volume
 
 
-def _cut(mesh: trimesh.Trimesh, label: str, cut: Cut) -> tuple[FloatArray, ...]:
+def _cut_pieces(mesh: trimesh.Trimesh, label: str, cut: Cut) -> tuple[FloatArray, ...]:
     pieces: list[FloatArray] = []
     for corners in _piece_corners(mesh, label, cut):
         with suppress(MeshError):  # a sliver without volume: the other pieces cover its contacts

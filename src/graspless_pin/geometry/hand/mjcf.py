@@ -22,7 +22,7 @@ from graspless_pin.geometry.hand.mjcf_source import (
     MjcfSource,
     geom_shape,
     is_supported_geom,
-    pose,
+    mj_pose,
 )
 from graspless_pin.geometry.hand.robot_model import (
     DrawnTendon,
@@ -424,7 +424,7 @@ class _RobotReader:
     def _add_joints(self, body: int) -> None:
         """Add the joints that lead to a body, and the links between them."""
         model, source = self._model, self._source
-        T = pose(model.body_quat[body], model.body_pos[body])
+        T = mj_pose(model.body_quat[body], model.body_pos[body])
         joints = range(model.body_jntadr[body], model.body_jntadr[body] + model.body_jntnum[body])
         name, parent = source.body(body), source.body(int(model.body_parentid[body]))
         at = np.zeros(3)  # of the last joint, in the body's frame
@@ -474,7 +474,7 @@ class _RobotReader:
 
     def _add_link(self, body: int) -> None:
         model, name = self._model, self._source.body(body)
-        T = pose(model.body_iquat[body], model.body_ipos[body])
+        T = mj_pose(model.body_iquat[body], model.body_ipos[body])
         mass, inertia = float(model.body_mass[body]), np.zeros((3, 3))
         if mass > 0.0:
             inertia = T[:3, :3] @ np.diag(model.body_inertia[body]) @ T[:3, :3].T

@@ -144,7 +144,7 @@ def _strip_visuals(spec: Any, *, keyframes: bool) -> None:
         spec.delete(unseen)
 
 
-def pose(quaternion: FloatArray, position: FloatArray) -> FloatArray:
+def mj_pose(quaternion: FloatArray, position: FloatArray) -> FloatArray:
     """Return the (4, 4) pose of MuJoCo's quaternion [w, x, y, z] and position [x, y, z]."""
     return rigid(position, Rotation.from_quat(quaternion, scalar_first=True).as_matrix())
 
@@ -171,7 +171,7 @@ def geom_shape(source: MjcfSource, geom: int) -> LinkShape:
         RobotError: If it is not a shape that a bounded body can have.
     """
     model, kinds = source.model, source.mujoco.mjtGeom
-    T = pose(model.geom_quat[geom], model.geom_pos[geom])
+    T = mj_pose(model.geom_quat[geom], model.geom_pos[geom])
     kind, size = kinds(int(model.geom_type[geom])), model.geom_size[geom].tolist()
     body = source.body(int(model.geom_bodyid[geom]))
     if kind == kinds.mjGEOM_MESH:
@@ -203,7 +203,7 @@ def body_shape(source: MjcfSource, geom: int) -> tuple[Shape, FloatArray]:
         return mesh, geom_in_body.T_link_shape
     if mesh.file is not None and mesh.file.suffix.lower() in _ENDINGS and min(mesh.scale) > 0.0:
         return MeshShape(mesh.file, mesh.scale), geom_in_body.T_link_shape
-    T = pose(source.model.geom_quat[geom], source.model.geom_pos[geom])
+    T = mj_pose(source.model.geom_quat[geom], source.model.geom_pos[geom])
     return _mesh_hull(source, int(source.model.geom_dataid[geom])), T
 
 
@@ -241,7 +241,7 @@ def _mesh_shape(source: MjcfSource, mesh: int) -> tuple[LinkMesh | Hull, FloatAr
     if source.spec is None or not source.spec.mesh(name).file:
         return _mesh_hull(source, mesh), np.eye(4)
     asset = source.spec.mesh(name)
-    scale, T_ref = np.array(asset.scale), pose(asset.refquat, asset.refpos)
+    scale, T_ref = np.array(asset.scale), mj_pose(asset.refquat, asset.refpos)
     if np.ptp(scale) > 0.0 and not np.allclose(T_ref[:3, :3], np.eye(3)):
         raise RobotError(
             f"{source.path}: the mesh {name!r} is turned and then scaled by {asset.scale}, "
@@ -252,7 +252,7 @@ def _mesh_shape(source: MjcfSource, mesh: int) -> tuple[LinkMesh | Hull, FloatAr
     T_file[:3, 3] *= scale
     file = _mesh_file(model, mesh)
     x, y, z = scale.tolist()
-    mesh_pose = pose(model.mesh_quat[mesh], model.mesh_pos[mesh])
+    mesh_pose = mj_pose(model.mesh_quat[mesh], model.mesh_pos[mesh])
     file_found = file if is_file(file) else None
     return LinkMesh(str(file), file_found, (file,), (x, y, z)), invert(mesh_pose) @ T_file
 

@@ -27,7 +27,7 @@ from graspless_pin.geometry.posing.finger_joints import (
     driving_columns,
     flexion_rates,
     groups_of_fingers,
-    hand_at,
+    hand_at_positions,
     search_ranges,
 )
 from graspless_pin.geometry.posing.overlaps import Clearance, smaller_clearance
@@ -327,7 +327,7 @@ def close_hand(
             independent, march.closing_rates(independent, given), wrap=wrap
         )
         at_limit |= stopped
-    closed = hand_at(hand, independent)
+    closed = hand_at_positions(hand, independent)
     return ClosingResult(
         closed, tuple(_finger_closing(closed, target, name, at_limit, gap) for name in names)
     )
@@ -385,7 +385,7 @@ def moved_bodies(bodies: PlacedBodies, T: FloatArray) -> PlacedBodies:
     return PlacedBodies(bodies.shapes, T @ bodies.poses)
 
 
-def back_until_free(
+def retraction_distance(
     bodies: PlacedBodies,
     obstacles: Sequence[tuple[PlacedBodies, float]],
     direction: FloatArray,

@@ -97,7 +97,7 @@ def tip_shapes(hand: Hand, finger: str) -> list[LinkGeometry]:
     return [item for item in hand.tree.geometries if item.link in last]
 
 
-def hand_at(hand: Hand, independent: FloatArray) -> Hand:
+def hand_at_positions(hand: Hand, independent: FloatArray) -> Hand:
     """Return a hand at (a,) positions of its independent joints; joints that stay are unchecked."""
     leaders = hand.tree.coupling.leaders
     return hand.with_configuration(
@@ -149,7 +149,7 @@ def flexion_rates(hand: Hand, finger: str) -> dict[int, float]:
     return rates
 
 
-def bent_hand(hand: Hand, change: FloatArray) -> Hand:
+def hand_with_moved_actuators(hand: Hand, change: FloatArray) -> Hand:
     """Return the hand with its actuators moved by (L,) rad or m; further entries are ignored.
 
     Raises:
@@ -212,7 +212,7 @@ def arm_above(hand: Hand, carrier: int) -> Arm | None:
     return Arm(carrier, tuple(columns)) if len(columns) > _WRIST_JOINTS else None
 
 
-def brought_palm(
+def palm_inverse_kinematics(
     hand: Hand, arm: Arm, T_world_palm: FloatArray, rng: np.random.Generator
 ) -> tuple[FloatArray, FloatArray]:
     """Solve an arm's inverse kinematics for a palm pose, by least squares from several starts.

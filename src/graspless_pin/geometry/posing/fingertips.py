@@ -27,7 +27,7 @@ from graspless_pin.geometry.posing.finger_joints import (
     chosen_fingers,
     driving_columns,
     groups_of_fingers,
-    hand_at,
+    hand_at_positions,
     joints_at_limit,
     least_squares_positions,
     search_ranges,
@@ -381,7 +381,7 @@ def place_fingertips(
     for group in groups_of_fingers(hand, names):
         members = [tips[name] for name in group]
         independent = best_posture(hand, members, independent, tolerance=tolerance, starts=starts)
-    placed_hand = hand_at(hand, independent)
+    placed_hand = hand_at_positions(hand, independent)
     placed = tuple(_placed_fingertip(tips[name], placed_hand, tolerance) for name in names)
     return FingertipPlacement(placed_hand, placed, tolerance)
 

@@ -74,7 +74,7 @@ def unwanted_overlaps(
     """
     tolerance = real_number("tolerance", tolerance, 0.0)
     links = hand.placed_bodies
-    compared = [(BodyKind.HAND, links, pairs_of(hand.tree))]
+    compared = [(BodyKind.HAND, links, overlap_pairs(hand.tree))]
     for pieces in (support.placed_bodies for support in supports):
         all_pairs = np.indices((len(links), len(pieces))).reshape(2, -1).T
         compared.append((BodyKind.SUPPORT, pieces, all_pairs))
@@ -106,7 +106,7 @@ def _deepest_overlaps(
 
 
 @Derived
-def pairs_of(tree: KinematicTree) -> NDArray[np.intp]:
+def overlap_pairs(tree: KinematicTree) -> NDArray[np.intp]:
     """Return the (P, 2) pairs of a hand's shapes that `unwanted_overlaps` compares, i below j."""
     parents = [int(parent) for parent in tree.pinocchio_model.parents]
     robots = [tree.mount_of[link] for link in tree.shapes.names]
@@ -176,7 +176,7 @@ def least_clearance(
             links, support.placed_bodies, least, np.where(is_moved, np.inf, -depth)
         )
     least = smaller_clearance(links, moved, least, np.full(len(links), -depth))
-    pairs = pairs_of(hand.tree)
+    pairs = overlap_pairs(hand.tree)
     bounds = gap_lower_bounds(links, links)[pairs[:, 1], pairs[:, 0]]
     for place in np.argsort(bounds, kind="stable").tolist():
         if bounds[place] >= least.distance:

@@ -22,7 +22,7 @@ from graspless_pin.geometry.contact.distances import (
     solids_of,
 )
 from graspless_pin.geometry.hand.model import Hand, displaced_hand
-from graspless_pin.geometry.poses import rigid, shifted
+from graspless_pin.geometry.poses import rigid, translated
 from graspless_pin.geometry.posing.finger_joints import Arm
 from graspless_pin.problem.checks import FloatArray, unit_vector
 
@@ -85,7 +85,7 @@ def settle_object(
             f"object '{target.name}' meets no support in the direction {axis.round(6).tolist()} "
             f"({names}); turn the direction or move the object"
         )
-    settled = target.with_pose(shifted(target.T_world_object, min(travels) * axis))
+    settled = target.with_pose(translated(target.T_world_object, min(travels) * axis))
     for support, other in zip(supports, others, strict=True):
         overlap = -nearest_separation(other, settled.placed_bodies).distance
         if overlap > SETTLING_TOLERANCE:
@@ -109,7 +109,7 @@ def _travel_to_contact(body: CollisionBody, other: CollisionBody, axis: FloatArr
     """
     travel = 0.0
     for _ in range(_MOST_STEPS):
-        T = shifted(body.T_world_geometry, travel * axis)
+        T = translated(body.T_world_geometry, travel * axis)
         current = separation(other, CollisionBody(body.name, body.geometry, T))
         approach = -float(current.normal @ axis)
         if approach <= _PASSING_APPROACH:
@@ -204,7 +204,7 @@ def base_beside(
         return None
     distance = reach * math.sqrt(max(_BENT_REACH**2 - (height / reach) ** 2, _LEAST_AWAY**2))
     shift = height * normal - distance * ahead - to_shoulder
-    moved = displaced_hand(hand, shifted(np.eye(4), shift))
+    moved = displaced_hand(hand, translated(np.eye(4), shift))
     gap = nearest_separation(target.placed_bodies, moved.placed_bodies).distance
     return moved.T_world_base[:3, 3] if gap > _BASE_CLEARANCE else None
 

@@ -41,7 +41,7 @@ from graspless_pin.report.html.sections import (
 from graspless_pin.report.verdict_data import read_motion, read_small_motion
 from graspless_pin.solution import Status, TorqueSolution
 from graspless_pin.solution.active_limits import joint_limit_words, margin_limit_words
-from graspless_pin.solution.tables import coordinate, shown, torque_size
+from graspless_pin.solution.tables import coordinate, decimals, torque_size
 from graspless_pin.visualization import DARK, LIGHT, Picture, Role
 from graspless_pin.visualization.motion import MovingPicture
 from graspless_pin.visualization.picture import HIDDEN_AT_FIRST
@@ -254,12 +254,12 @@ def _range_context(
 def _figure_text(
     value: float | None, *, size: float, signed: bool = False, rounding: float | None = None
 ) -> str:
-    """Return a figure as `shown` does, with a true minus sign; a dash for none."""
+    """Return a figure as `decimals` does, with a true minus sign; a dash for none."""
     if value is None or np.isnan(value):
         return "–"
     if np.isinf(value):
         return ("+∞" if signed else "∞") if value > 0.0 else "−∞"
-    return shown(value, size, "+" if signed else "", rounding).replace("-", "−")
+    return decimals(value, size, "+" if signed else "", rounding).replace("-", "−")
 
 
 def view_context(

@@ -32,13 +32,13 @@ from graspless_pin.report.verify.values import number
 from graspless_pin.solution import TorqueSolution
 from graspless_pin.solution.tables import (
     contact_states,
-    counted,
+    decimals,
     force_rounding,
     friction_use,
     limit_shares,
-    shown,
     torque_rounding,
     torque_size,
+    with_noun,
 )
 from graspless_pin.visualization import LIGHT, Picture, Role
 
@@ -145,7 +145,7 @@ def torque_figure(solution: TorqueSolution) -> str:
     problem = solution.problem
     top = int(np.argmax(np.abs(solution.torques)))
     torque = float(solution.torques[top])
-    largest = shown(torque, torque_size(problem, solution.torques), "+")
+    largest = decimals(torque, torque_size(problem, solution.torques), "+")
     alt = (
         f"Bars of {problem.joint_count} motor torques between the marks of their limits. The "
         f"largest is {largest} at {problem.joint_names[top]}. The table has "
@@ -201,7 +201,7 @@ def friction_figures(solution: TorqueSolution) -> list[str]:
     local = np.einsum("mij,mi->mj", problem.frames, solution.contact_forces)
     for contact, (normal, *along) in enumerate(local.tolist()):
         first, second, radius = (
-            shown(float(one), problem.scales.force, "", rounding[contact])
+            decimals(float(one), problem.scales.force, "", rounding[contact])
             for one in (*along, problem.friction[contact] * normal)
         )
         alt = (
@@ -328,7 +328,7 @@ def scene_in_words(picture: Picture) -> str:
     parts = []
     if counts[Role.HAND]:
         links = {mesh.name.split("/", 2)[2] for mesh in picture.of(Role.HAND)}
-        parts.append(f"a hand of {counted(len(links), 'link')}")
+        parts.append(f"a hand of {with_noun(len(links), 'link')}")
     if counts[Role.OBJECT]:
         parts.append(f"the object {names[Role.OBJECT]}")
     if counts[Role.SUPPORT]:

@@ -40,7 +40,7 @@ def force_checks(problem: Problem, forces: Forces) -> list[Check]:
         if "torque" not in own.keeps:
             return [*checks, given("torques within limits", "the objective does not ask for them")]
     name, over = "torques within limits", _torque_excess(problem, forces)
-    if not tolerances.resolved(problem):
+    if not tolerances.are_limits_resolved(problem):
         lost = "the load is too large for a torque limit to be told beside it"
         return [*checks, holds(name, passed=False, detail=lost)]
     return [*checks, within(name, over, tolerances.SHARE, "of the limit's or load's")]
@@ -120,7 +120,7 @@ def _unbalanced_load(problem: Problem, forces: Forces) -> tuple[float, float]:
     if problem.own is not None:
         unbalanced = unbalanced + problem.own.balance @ forces.columns
         sizes = sizes + np.abs(problem.own.balance) @ np.abs(forces.columns)
-    most = np.abs(unbalanced) + tolerances.lost(sizes)
+    most = np.abs(unbalanced) + tolerances.rounding_error(sizes)
     force, moment = (most[one].max(initial=0.0) for one in (~problem.turns, problem.turns))
     return float(force), float(moment)
 

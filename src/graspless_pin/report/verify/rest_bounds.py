@@ -200,7 +200,7 @@ def without_free_joints(
 def leaked_power(dynamics: RestDynamics, opened: np.ndarray, force_limit: float) -> float:
     """Return the largest power of contacts that are not open along the separated motion, scaled."""
     w, rows = dynamics.aside.astype(_LONG), dynamics.rows[~opened].astype(_LONG)
-    moved = np.abs(rows @ w) + tolerances.lost(np.abs(rows) @ np.abs(w))
+    moved = np.abs(rows @ w) + tolerances.rounding_error(np.abs(rows) @ np.abs(w))
     share = np.sqrt(1.0 + dynamics.friction[~opened] ** 2)
     return float(force_limit * (share * np.linalg.norm(moved, axis=1)).sum())
 
@@ -339,7 +339,7 @@ def largest_force_terms(
     (c, sizes), fixed, mu = slope, np.isfinite(dynamics.commanded), dynamics.friction
     gain = np.where(fixed, commanded, c[:, 0])
     gain = gain - mu * least_product(c[:, 1:], states.center, half_width)
-    gain = gain + tolerances.lost(sizes[:, 0] + mu * sizes[:, 1:].sum(axis=1))
+    gain = gain + tolerances.rounding_error(sizes[:, 0] + mu * sizes[:, 1:].sum(axis=1))
     least, most = (np.where(fixed, dynamics.commanded, one) for one in (loads, force_limit))
     return np.where(states.is_in(Kind.OPEN), 0.0, np.maximum(gain * least, gain * most))
 
@@ -389,7 +389,7 @@ def largest_goal(
     leak = leaked_power(dynamics, opened, force_limit) if dynamics.aside.any() else 0.0
     least = np.where(np.isfinite(dynamics.commanded), dynamics.commanded, loads)
     bound += _power_bound(wrong, mu * least, wrong * lengths, v, dynamics.load, leak)
-    return float(bound + tolerances.lost(size))
+    return float(bound + tolerances.rounding_error(size))
 
 
 def _power_bound(
@@ -414,7 +414,7 @@ def _power_bound(
     return best
 
 
-def kept_goals(dynamics: RestDynamics, problem: Problem, limit: float) -> np.ndarray:
+def declared_motion_goals(dynamics: RestDynamics, problem: Problem, limit: float) -> np.ndarray:
     """(2 P + 1, n) zero, and both signs of accelerations; one object's in limit / (2 sqrt(3)).
 
     Args:
@@ -427,7 +427,7 @@ def kept_goals(dynamics: RestDynamics, problem: Problem, limit: float) -> np.nda
     return np.concatenate([np.zeros((1, scaled.shape[1])), scaled, -scaled])
 
 
-def kept_goal(
+def declared_motion_bound(
     dynamics: RestDynamics,
     states: KnownStates,
     multipliers: RestMultipliers,
@@ -455,7 +455,7 @@ def kept_goal(
     pushed = largest_force_terms(dynamics, states, half_width, slope, none, none, force_limit)
     # A bound on -kappa.u_t, with the longest slip that such forces cause.
     wrong = np.maximum(-least_product(kappa, states.center, half_width), 0.0)
-    wrong = wrong + tolerances.lost(np.linalg.norm(kappa, axis=1))
+    wrong = wrong + tolerances.rounding_error(np.linalg.norm(kappa, axis=1))
     wrong = np.where(sticks, 0.0, wrong) @ np.linalg.norm(rows[:, 1:], axis=(1, 2))
     fixed, opened = np.isfinite(dynamics.commanded), states.is_in(Kind.OPEN)
     most = np.where(opened, 0.0, np.where(fixed, dynamics.commanded, force_limit))
@@ -464,7 +464,7 @@ def kept_goal(
     bound = motion @ dynamics.load + pushed.sum()
     bound += wrong * (np.linalg.norm(dynamics.load) + fastest)
     size = rough @ np.abs(dynamics.load) + np.abs(pushed).sum()
-    return float(bound + tolerances.lost(size))
+    return float(bound + tolerances.rounding_error(size))
 
 
 def least_force(

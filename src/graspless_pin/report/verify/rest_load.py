@@ -109,7 +109,7 @@ class RestLoad:
         motion = motion.astype(np.longdouble)
         residual = inertial - np.einsum("lik,li->k", motion, local) - self.load
         sizes = np.einsum("lik,li->k", np.abs(motion), np.abs(local)) + np.abs(self.load) + size
-        return np.abs(residual) + tolerances.lost(sizes)
+        return np.abs(residual) + tolerances.rounding_error(sizes)
 
     def motion_residual(self, local: np.ndarray, acceleration: np.ndarray) -> float:
         """Return the largest entry of M a - G^T f - g, in loads.
@@ -157,9 +157,9 @@ class RestLoad:
         acting = force_motion(self.problem).astype(np.longdouble)
         c, sizes = acting @ motion, np.abs(acting) @ np.abs(motion)
         gain = mu * np.linalg.norm(c[:, 1:], axis=1) - c[:, 0]
-        gain = gain + tolerances.lost(sizes[:, 0] + mu * sizes[:, 1:].sum(axis=1))
+        gain = gain + tolerances.rounding_error(sizes[:, 0] + mu * sizes[:, 1:].sum(axis=1))
         load = z.astype(np.longdouble) * (self.load + more) / self.unit
-        load_power = float(load.sum() - tolerances.lost(np.abs(load).sum()))
+        load_power = float(load.sum() - tolerances.rounding_error(np.abs(load).sum()))
         return load_power - LARGEST_FORCE * float(np.maximum(gain, 0.0).sum())
 
 

@@ -28,8 +28,8 @@ from graspless_pin.report.verify.rest_bounds import (
     KnownStates,
     RestDynamics,
     RestMultipliers,
-    kept_goal,
-    kept_goals,
+    declared_motion_bound,
+    declared_motion_goals,
     largest_goal,
     leaked_power,
     least_force,
@@ -185,7 +185,7 @@ class RestWalk:
         if len(node.children) == 1:
             return self._visit_only_child(first, states, loads)
         is_loaded = np.isfinite(self.dynamics.commanded) | (loads > 0.0)
-        why = uncovered(node.children, states, is_loaded)
+        why = uncovered_states(node.children, states, is_loaded)
         if why:
             raise NoProofError(f"contact {first.contact}: {why}")
         needed: dict[tuple[int, str], float] = {}
@@ -297,7 +297,7 @@ def _count_kept_leaves(
         states: The known states there.
         proven: Goals that are bounded there already.
         dynamics: The scaled dynamics.
-        goals: (2 P + 1, n) of `kept_goals`.
+        goals: (2 P + 1, n) of `declared_motion_goals`.
         force_limit: Normal forces that the proof has to reach, scaled.
 
     Raises:
@@ -305,7 +305,7 @@ def _count_kept_leaves(
     """
     for goal, multipliers in node.sides:
         claimed = _EMPTY if goal == 0 else 1.0 + tolerances.SHARE
-        bound = kept_goal(dynamics, states, multipliers, goals[goal], force_limit)
+        bound = declared_motion_bound(dynamics, states, multipliers, goals[goal], force_limit)
         if not bound <= claimed:
             raise NoProofError(f"goal {goal} reaches {bound:.3g} where {claimed:.3g} is claimed")
         proven |= {goal}
@@ -317,7 +317,7 @@ def _count_kept_leaves(
     contact = node.children[0].contact
     if any(child.forced or child.contact != contact for child in node.children):
         raise NoProofError(f"children of one node are of contact {contact} and others, or forced")
-    why = uncovered(node.children, states, np.isfinite(dynamics.commanded))
+    why = uncovered_states(node.children, states, np.isfinite(dynamics.commanded))
     if why:
         raise NoProofError(f"contact {contact}: {why}")
     leaves = 0
@@ -327,7 +327,7 @@ def _count_kept_leaves(
     return leaves
 
 
-def uncovered(children: list[RestNode], states: KnownStates, held: np.ndarray) -> str:
+def uncovered_states(children: list[RestNode], states: KnownStates, held: np.ndarray) -> str:
     """Return in words which states the children of a node leave out; empty: none.
 
     Args:
@@ -431,7 +431,7 @@ def certificate_check(
     rows, unit = dynamics.rows.astype(np.longdouble), dynamics.force_unit
     residual = np.einsum("lin,li->n", rows, forces / unit) + dynamics.load
     sizes = np.einsum("lin,li->n", np.abs(rows), np.abs(forces) / unit) + np.abs(dynamics.load)
-    y = float(np.linalg.norm(residual) + tolerances.lost(sizes.sum()))
+    y = float(np.linalg.norm(residual) + tolerances.rounding_error(sizes.sum()))
     y += float(beyond_cone @ np.linalg.norm(dynamics.rows[:, 1:], ord=2, axis=(1, 2))) / unit
     y += float(pulling @ np.linalg.norm(rows[:, 0], axis=1)) / unit
     return within(name, y * dynamics.reach, limit, "m/s^2 at most")
@@ -469,7 +469,10 @@ def kept_tree_check(
 ) -> Check:
     """Check a tree that proves a declared motion the only outcome; arguments as of `tree_check`."""
     still, most_force = limits
-    goals, unknown = kept_goals(dynamics, problem, still), KnownStates.unknown(problem.count)
+    goals, unknown = (
+        declared_motion_goals(dynamics, problem, still),
+        KnownStates.unknown(problem.count),
+    )
     reach, root = most_force / dynamics.force_unit, read_rest_tree(proof, dynamics)
     try:
         leaves = _count_kept_leaves(root, unknown, frozenset(), dynamics, goals, reach)

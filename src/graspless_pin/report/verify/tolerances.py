@@ -84,7 +84,7 @@ STATED = _DOUBLE
 """Relative: subtracted from stated figures, which then pass without a longer format, too."""
 
 
-def lost(sizes: Any) -> Any:
+def rounding_error(sizes: Any) -> Any:
     """Return the rounding error of sums of terms of these sizes, in the longest format.
 
     It always counts against the document: it is added to what must be small, and subtracted from
@@ -126,7 +126,7 @@ def torque_limits(problem: Problem) -> tuple[np.ndarray, np.ndarray]:
     return lower, upper
 
 
-def resolved(problem: Problem) -> bool:
+def are_limits_resolved(problem: Problem) -> bool:
     """Return whether every joint's limit exceeds the tolerance of the balance under the load."""
     limits = np.minimum(*torque_limits(problem)) / SHARE
     return bool((problem.joint_scale <= (1.0 + SAME) * _MOST_LOADS * limits).all())
