@@ -194,7 +194,7 @@ def _tried_at_random(scene: Scene, aim: Objective) -> int | None:
     for number in range(1, RANDOM + 1):
         shares = rng.dirichlet(np.full(len(corners), 0.2))
         forces = np.einsum("c,cmi->mi", shares, np.array(corners))
-        if any(motion.fastest(motion.stiffness(forces))[0] > 0.0 for motion in motions):
+        if any(motion.fastest_growth(motion.stiffness(forces))[0] > 0.0 for motion in motions):
             continue
         torques = problem.gravity_torques + problem.jacobian.T @ forces.ravel()
         if scene.stability(torques, node_limit=WINDOW_NODES).holding is Holding.HOLDS:

@@ -88,7 +88,7 @@ def _row(name: str, evaluator: Evaluator, states: np.ndarray) -> list[str]:
     hand = BatchContactFinder(evaluator.scene, collisions=False)
     ways: list[tuple[Callable[[], object], int]] = [
         (loop, len(few)),
-        (lambda: hand.at(some), len(some)),
+        (lambda: hand.contacts_at(some), len(some)),
         (lambda: own().evaluate_many(some, workers=1), len(some)),
         (lambda: own().evaluate_many(all_of_them, workers=2), len(all_of_them)),
         (lambda: own(checked=True).evaluate_many(some, workers=1), len(some)),

@@ -203,7 +203,7 @@ class Counted:
         """Take the evaluator."""
         self.states = 0
         solver: Any = evaluator._solver
-        posed, reaches = solver.posed, solver.loops.reaches
+        posed, reaches = solver.posed_scene, solver.loops.reaches_margin
 
         def count(*args: Any, **keywords: Any) -> Any:
             self.states += 1
@@ -214,7 +214,7 @@ class Counted:
             self.states += reached is not None
             return reached
 
-        solver.posed, solver.loops.reaches = count, count_in_loops
+        solver.posed_scene, solver.loops.reaches_margin = count, count_in_loops
 
 
 def dense_states(

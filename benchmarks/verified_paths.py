@@ -76,7 +76,7 @@ def between(one: State, other: State, center: FloatArray, step: tuple[float, flo
     screw = ScrewMotion.between(T0, T1, center)
     shares = np.append(np.array(screw.lengths) / step, np.abs(q1 - q0).max() / step[1])
     fractions = np.linspace(0.0, 1.0, 1 + max(1, int(np.ceil(shares.max()))))[1:]
-    return [(q0 + s * (q1 - q0), screw.at(s)[0]) for s in fractions.tolist()]
+    return [(q0 + s * (q1 - q0), screw.pose_and_twist(s)[0]) for s in fractions.tolist()]
 
 
 def scene_in(scene: Scene, state: State, *, carried: bool) -> Scene:

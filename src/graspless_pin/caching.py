@@ -91,7 +91,7 @@ class Latest:
             return None
         return entry[1] if all(map(_is_same_source, entry[0], sources)) else None
 
-    def made(self, name: Any, sources: tuple[Any, ...], make: Callable[[], _Value]) -> _Value:
+    def value(self, name: Any, sources: tuple[Any, ...], make: Callable[[], _Value]) -> _Value:
         """Return the latest value of a name; computed now if it depends on other sources.
 
         Args:

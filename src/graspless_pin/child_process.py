@@ -317,7 +317,7 @@ class ChildProcesses:
         self._busy: set[ChildProcess] = set()
         self.stopped = threading.Event()
 
-    def taken(
+    def take(
         self, function: Callable[..., object], instead_of: ChildProcess | None = None
     ) -> ChildProcess:
         """Return a process that answers, to be returned by `give_back`.
@@ -342,7 +342,7 @@ class ChildProcesses:
             child.call(_confirm_loaded, function)
         except CrashError as error:
             if was_idle:
-                return self.taken(function, child)
+                return self.take(function, child)
             self._discard(child)
             raise CrashError(f"the worker processes do not start ({error})") from None
         return child
@@ -425,7 +425,7 @@ def shared_work(
     token = _token_of(shared)
 
     def result_of(part: _Part) -> _Found:
-        child = processes.taken(_part_result)
+        child = processes.take(_part_result)
         try:
             result = child.call(_part_result, compute, token, None, part)
             if result is None:

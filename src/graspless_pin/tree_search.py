@@ -90,7 +90,7 @@ class Limits:
     deadline: float = inf
 
     @classmethod
-    def of(cls, options: Any) -> Self:
+    def from_options(cls, options: Any) -> Self:
         """Return the limits that `SolveOptions` state; their time begins now."""
         return cls.from_now(options.node_limit, options.time_limit)
 
@@ -102,20 +102,20 @@ class Limits:
         return cls(node_limit, time.monotonic() + time_limit)
 
     @property
-    def passed(self) -> bool:
+    def is_time_over(self) -> bool:
         """Whether the deadline has passed."""
         return self.deadline < inf and time.monotonic() > self.deadline
 
-    def end(self, nodes: int) -> bool:
+    def is_over(self, nodes: int) -> bool:
         """Return whether a search has to end after a number of nodes."""
-        return (self.node_limit is not None and nodes >= self.node_limit) or self.passed
+        return (self.node_limit is not None and nodes >= self.node_limit) or self.is_time_over
 
     @property
     def seconds_left(self) -> float | None:
         """Seconds until the deadline, at least zero; None: no deadline."""
         return None if self.deadline == inf else max(self.deadline - time.monotonic(), 0.0)
 
-    def within(self, options: _Options) -> _Options:
+    def with_time_left(self, options: _Options) -> _Options:
         """Return `SolveOptions` whose time limit is the time that is left."""
         remaining = self.seconds_left
         return options if remaining is None else replace(options, time_limit=remaining)

@@ -138,7 +138,7 @@ def test_a_search_without_an_answer_leaves_the_rest(monkeypatch, torques, comple
 
     def search(state):
         if next(calls) == failing:
-            return state.undecided()
+            return state.undecided_status()
         return search_modes(state)
 
     monkeypatch.setattr(force_bounds, "search_modes", search)
@@ -193,7 +193,7 @@ def test_a_margin_is_proven_where_every_distance_and_range_that_it_rests_on_is(m
 
 
 def test_torques_whose_modes_no_solver_decides_on(monkeypatch, torques):
-    monkeypatch.setattr(force_bounds, "search_modes", SearchState.undecided)
+    monkeypatch.setattr(force_bounds, "search_modes", SearchState.undecided_status)
     bounds = contact_force_bounds(scene("sphere"), torques)
     assert bounds.status is Status.UNVERIFIED and not bounds.found
     assert np.isnan(bounds.lower).all() and not bounds.proven.any()

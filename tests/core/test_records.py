@@ -30,7 +30,7 @@ PACKAGES = (
     "problem", "modes", "programs", "solvers", "solution", "holding", "algorithms", "report.verify",
 )  # fmt: skip
 MUTABLE = {
-    "CurveSearch", "ModeProver", "ModeOracle", "Proof", "RestWalk", "SearchState",
+    "CurveSearch", "ModeProver", "ModeOracle", "TreeProof", "RestWalk", "SearchState",
     "TreeWalk", "UnprovenSet", "_TorqueSearch", "_WarmState",
 }  # fmt: skip
 """They gather what they find."""

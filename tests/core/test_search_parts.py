@@ -44,14 +44,14 @@ def state_of(problem: QuasistaticProblem) -> SearchState:
 @pytest.mark.parametrize("value", [-0.3, -1.0, -40.0])
 def test_a_search_is_closed_where_no_node_can_be_better(value):
     state = state_of(scene("rest"))
-    assert not state.closed(-1e9)
+    assert not state.is_closed(-1e9)
     answer = state.relax()
-    state.best = answer.moved(answer.x, value, 0.0)
+    state.best = answer.at_point(answer.x, value, 0.0)
     size = max(1.0, abs(value))
-    assert state.closed(value + 1e-3)
-    assert state.closed(value - 1.9e-8 * size)
+    assert state.is_closed(value + 1e-3)
+    assert state.is_closed(value - 1.9e-8 * size)
     for below in (2.1e-8, 1e-7, 1e-5):
-        assert not state.closed(value - below * size)
+        assert not state.is_closed(value - below * size)
 
 
 def test_a_guessed_mode_near_the_relaxations_friction_spares_nodes():
@@ -113,7 +113,7 @@ def test_a_program_without_an_answer_counts_by_its_bound(below, proven):
     assert not state.unproven
     state.unproven_bound = best + below
     assert state.unproven is not proven
-    assert (state.ended() is Status.OPTIMAL) == proven
+    assert (state.final_status() is Status.OPTIMAL) == proven
 
 
 @pytest.mark.parametrize(("size", "is_friction"), [(0.9e-8, False), (1.1e-8, True), (1e-6, True)])
@@ -128,7 +128,7 @@ def test_the_least_friction_that_counts(size, is_friction):
     contact = state.formulation.coordinates.layout.cones.tolist()[1]
     assert tuple(friction[contact]) == ((-1, 0) if is_friction else (0, 0))
     assert not np.delete(friction, contact, axis=0).any()
-    assert reader.describe(x).selection[contact] == is_friction
+    assert reader.mode_of_friction(x).selection[contact] == is_friction
 
 
 @pytest.mark.parametrize(("tilt", "shared"), [(1e-9, True), (5e-9, True), (1e-7, False)])
@@ -192,7 +192,7 @@ def test_traces_of_forbidden_friction_lead_nowhere(index, monkeypatch):
         x = answer.x.copy()
         columns = state.formulation.cone_columns[0]
         x[columns] += 3e-8 * ((ub[columns] == 0.0) * 1.0 - (lb[columns] == 0.0))
-        return answer.moved(x, answer.value, answer.residual)
+        return answer.at_point(x, answer.value, answer.residual)
 
     monkeypatch.setattr(SearchState, "solve", solve)
     state = replace(state_of(problem), limits=Limits(node_limit=1000))
@@ -257,10 +257,10 @@ def test_friction_along_one_tangent_has_a_mode_behind_it_that_opposes_it(sign, s
 
 def test_what_is_left_of_a_time_limit_goes_to_the_searches_that_follow():
     options = SolveOptions(time_limit=60.0)
-    assert NO_LIMITS.within(options) is options
-    left = Limits(None, time.monotonic() + 5.0).within(options).time_limit
+    assert NO_LIMITS.with_time_left(options) is options
+    left = Limits(None, time.monotonic() + 5.0).with_time_left(options).time_limit
     assert left is not None and 0.0 < left <= 5.0
-    assert Limits(None, time.monotonic() - 1.0).within(options).time_limit == 0.0
+    assert Limits(None, time.monotonic() - 1.0).with_time_left(options).time_limit == 0.0
 
 
 @pytest.mark.parametrize("regularization", [0.0, 1e-2, 10.0])

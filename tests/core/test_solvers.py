@@ -229,7 +229,7 @@ def test_bounds_that_exclude_each_other_are_infeasible():
     program = random_program(0)
     low, high = program.lb.copy(), program.ub.copy()
     low[2], high[2] = 0.5, 0.4
-    assert solve(program.bounded(low, high)).outcome is Outcome.INFEASIBLE
+    assert solve(program.with_bounds(low, high)).outcome is Outcome.INFEASIBLE
 
 
 def test_a_cutoff_below_the_optimum_counts_as_infeasible():

@@ -19,7 +19,7 @@ def hand_loops(**told: Any) -> Any:
     assert compiled.core is not None
     arguments = NO_JOINTS | told
     count = len(arguments["axes"])
-    nothing, no_poses = solids_of(BodyShapes((), ())).for_loops, np.empty((0, 4, 4))
+    nothing, no_poses = solids_of(BodyShapes((), ())).compiled_sets, np.empty((0, 4, 4))
     shapes = arguments.get("shapes", no_poses)
     others = {
         "coupling": np.eye(count), "offset": np.zeros(count), "lower": np.full(count, -np.inf),

@@ -46,7 +46,7 @@ def left_by(form: str, bodies: PlacedBodies, around: PlacedBodies, pairs) -> set
         both = bodies is around
         own = parts(bodies, [i, j] if both else [i])
         others = parts(around, [] if both else [j])
-        sets, beside = solids_of(own.shapes).for_loops, solids_of(others.shapes).for_loops
+        sets, beside = solids_of(own.shapes).compiled_sets, solids_of(others.shapes).compiled_sets
         pair = compiled.core.BodyPairs(sets, *(([0], [1]) if both else ([], [])))
         deep = may_be_deep(pair, sets, own.poses, beside, others.poses, DEPTH)
         if deep:

@@ -138,7 +138,7 @@ def test_a_face_on_a_plane_is_what_the_general_search_finds(
     if len(ours) > 1:
         # Where the face is tilted, the search's first point changes with the gaps.
         start = np.linalg.norm(theirs.positions - ours.positions[0], axis=1).argmin()
-        theirs = theirs.chosen([*range(start, len(theirs)), *range(start)])
+        theirs = theirs.at_indices([*range(start, len(theirs)), *range(start)])
     assert_same(ours, theirs)
 
 

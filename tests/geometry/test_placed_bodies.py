@@ -64,7 +64,7 @@ def test_contact_arrays_are_the_contacts() -> None:
     assert ContactArrays.of(arrays) is arrays
     assert (len(arrays), arrays.hand_count) == (2, 1)
     assert [point.body for point in arrays[:1]] == ["tip"]
-    twice = arrays.followed_by(arrays).chosen([3, 0])
+    twice = arrays.followed_by(arrays).at_indices([3, 0])
     assert twice.bodies == ("floor", "tip")
     assert twice.kinds == (BodyKind.SUPPORT, BodyKind.HAND)
     np.testing.assert_array_equal(twice.positions, [[1.0] * 3, [0.0] * 3])

@@ -399,7 +399,7 @@ def test_a_contact_that_parts_is_not_closed_by_squares_that_leave_nothing(
     case = CASES["pressed"]
     dynamics = dynamics_of(case.make(), case.torques)
     monkeypatch.setattr(optimize, "nnls", WRONG_NNLS["zeros"])
-    assert branching.forced_state(dynamics, States.unknown(dynamics.contact_count)) is None
+    assert branching.forced_state(dynamics, States.all_free(dynamics.contact_count)) is None
 
 
 # Loads along a line

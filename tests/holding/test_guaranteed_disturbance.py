@@ -172,7 +172,7 @@ def test_bounds_of_spread_loads_hold_for_outcomes_of_each_load_between() -> None
         for own in others:
             found = find_motion(own)
             assert found is not None
-            y = own.motion(found)
+            y = own.scaled_acceleration(found)
             # The end whose power is larger has the outcome.
             here, there = sorted(
                 (one, other), key=lambda end: -end.force_unit * float(end.load @ y)
@@ -189,7 +189,7 @@ def test_bounds_of_spread_loads_hold_for_outcomes_of_each_load_between() -> None
                 )  # fmt: skip
                 goal = rng.normal(size=6), rng.normal(size=(count, 3))
                 reached = float(goal[0] @ y + (goal[1] * forces).sum())
-                states = States.unknown(count)
+                states = States.all_free(count)
                 bound = outcome_bound(spread, states, 0.5 * forces[:, 0], dual, goal, 10.0)
                 assert bound >= reached - 1e-9
                 tight = min(tight, bound - reached)

@@ -53,17 +53,17 @@ def test_no_multipliers_prove_less_beside_what_joints_do_by_themselves(pull: flo
     dynamics = dynamics_of(beside_a_leaving_finger(pull), (0.0, 0.0))
     forces = find_motion(dynamics)
     assert forces is not None and forces[4, 0] == 0.0
-    y = dynamics.motion(forces)
-    u, rng = dynamics.slips(y), np.random.default_rng(1)
+    y = dynamics.scaled_acceleration(forces)
+    u, rng = dynamics.contact_motion(y), np.random.default_rng(1)
     opened = forces[:, 0] <= 0.0
     less = without_free_joints(dynamics, opened, 10.0)
     # The finger's part of the motion is the load's, and the object has no part in it.
-    np.testing.assert_allclose(less.aside[6:], y[6:], atol=1e-12)
-    np.testing.assert_allclose(less.aside[:6], 0.0, atol=1e-12)
-    np.testing.assert_allclose(dynamics.load, less.load + less.aside, atol=1e-15)
-    states, tight = States.unknown(5).changed(4, ContactState.OPEN), np.inf
+    np.testing.assert_allclose(less.free_motion[6:], y[6:], atol=1e-12)
+    np.testing.assert_allclose(less.free_motion[:6], 0.0, atol=1e-12)
+    np.testing.assert_allclose(dynamics.load, less.load + less.free_motion, atol=1e-15)
+    states, tight = States.all_free(5).with_state(4, ContactState.OPEN), np.inf
     power = float(less.load @ y)
-    assert power >= float((y - less.aside) @ (y - less.aside)) - 1e-12
+    assert power >= float((y - less.free_motion) @ (y - less.free_motion)) - 1e-12
     for _ in range(250):
         size = 10.0 ** rng.uniform(-3.0, 1.0)
         dual = DualBound(
@@ -72,7 +72,7 @@ def test_no_multipliers_prove_less_beside_what_joints_do_by_themselves(pull: flo
         goal = rng.normal(size=8), rng.normal(size=(5, 3))
         loads = forces[:, 0] * rng.uniform(0.0, 1.0, 5)
         told = _states_of(forces, u, rng)
-        told = told.changed(4, ContactState.OPEN) if rng.random() < 0.5 else states
+        told = told.with_state(4, ContactState.OPEN) if rng.random() < 0.5 else states
         reached = float(goal[0] @ y + (goal[1] * forces).sum())
         bound = outcome_bound(less, told, loads, dual, goal, 10.0)
         assert bound >= reached - 1e-9 * max(1.0, abs(reached))
@@ -86,8 +86,8 @@ def test_no_multipliers_prove_less_than_an_outcome_has(case: int) -> None:
     forces = find_motion(dynamics)
     assert forces is not None
     assert is_outcome(dynamics, forces)
-    y = dynamics.motion(forces)
-    u, rng = dynamics.slips(y), np.random.default_rng(case)
+    y = dynamics.scaled_acceleration(forces)
+    u, rng = dynamics.contact_motion(y), np.random.default_rng(case)
     count = len(forces)
     tight = np.inf
     for _ in range(250):
@@ -110,22 +110,22 @@ def _states_of(
     forces: NDArray[np.float64], u: NDArray[np.float64], rng: np.random.Generator
 ) -> States:
     """Return states that an outcome is in, as little or as much told as chance has it."""
-    states = States.unknown(len(forces))
+    states = States.all_free(len(forces))
     for contact, (force, slip) in enumerate(zip(forces, u, strict=True)):
         if rng.random() < 0.3:
             continue
         if force[0] <= 0.0 and rng.random() < 0.7:
-            states = states.changed(contact, ContactState.OPEN)
+            states = states.with_state(contact, ContactState.OPEN)
         elif abs(slip[0]) < 1e-12:
             moves = float(np.hypot(*slip[1:]))
             if rng.random() < 0.3:
-                states = states.changed(contact, ContactState.CLOSED)
+                states = states.with_state(contact, ContactState.CLOSED)
             elif moves > 1e-9 and force[0] > 0.0:
                 width = rng.uniform(1e-3, 1.5)
                 center = np.arctan2(slip[2], slip[1]) + width * rng.uniform(-1.0, 1.0)
-                states = states.changed(contact, ContactState.SLIPPING, center, width)
+                states = states.with_state(contact, ContactState.SLIPPING, center, width)
             elif moves < 1e-12:
-                states = states.changed(contact, ContactState.STICKING)
+                states = states.with_state(contact, ContactState.STICKING)
     return states
 
 
@@ -154,8 +154,8 @@ def test_what_is_remembered_is_found_where_it_proves_something(
     count, n, rng = dynamics.contact_count, len(dynamics.load), np.random.default_rng(0)
     own = np.where(dynamics.is_commanded, 0.1 * rng.normal(size=count), 0.0)
     dynamics = replace(
-        dynamics, spread=0.1 * rng.normal(size=n), commanded_spread=own,
-        aside=1e-3 * rng.normal(size=n), load=0.9 * dynamics.load,
+        dynamics, load_change=0.1 * rng.normal(size=n), commanded_change=own,
+        free_motion=1e-3 * rng.normal(size=n), load=0.9 * dynamics.load,
     )  # fmt: skip
     loads = np.where(np.arange(count) == count - 1, loaded, 0.0)
     known, duals = OutcomeBounds(dynamics, loads, 10.0), []
@@ -168,17 +168,17 @@ def test_what_is_remembered_is_found_where_it_proves_something(
         known.remember(duals[-1])
     goal = dynamics.load, np.zeros((count, 3))
     for _ in range(3):
-        states = States.unknown(count)
+        states = States.all_free(count)
         for contact, kind in enumerate(rng.choice(list(ContactState), count)):
             center, width = rng.uniform(-4.0, 4.0), rng.uniform(0.0, 1.5)
             most = 10.0 ** rng.uniform(-14.0, -2.0)
-            states = states.changed(contact, ContactState(kind), center, width, most=most)
+            states = states.with_state(contact, ContactState(kind), center, width, most=most)
         bounds = [outcome_bound(dynamics, states, loads, one, goal, 10.0) for one in duals[-256:]]
         enough = float(np.sort(bounds)[rng.integers(0, 3)]) + 1e-9
-        found = known.proving(states, goal[0], enough)
+        found = known.remembered_proof(states, goal[0], enough)
         assert found is not None
         assert outcome_bound(dynamics, states, loads, found, goal, 10.0) <= enough + 1e-9
-        assert known.proving(states, goal[0], float(np.min(bounds)) - 1e-6) is None
+        assert known.remembered_proof(states, goal[0], float(np.min(bounds)) - 1e-6) is None
         other = goal[0], rng.normal(size=(count, 3))
         for dual in duals[-20:]:
             np.testing.assert_allclose(
@@ -196,7 +196,9 @@ def test_compiled_sweeps_find_what_numpy_finds(case: int, monkeypatch: pytest.Mo
     expected = find_motion(dynamics)
     assert found is not None
     assert expected is not None
-    np.testing.assert_allclose(dynamics.motion(found), dynamics.motion(expected), atol=1e-7)
+    np.testing.assert_allclose(
+        dynamics.scaled_acceleration(found), dynamics.scaled_acceleration(expected), atol=1e-7
+    )
 
 
 @pytest.mark.usefixtures("form")
@@ -204,16 +206,16 @@ def test_closed_contacts_part_within_a_tolerance_that_is_paid_for() -> None:
     """The multiplier of a row that vanishes but for the tolerance, alone in the bound."""
     dynamics = dynamics_of(*MOVING[0])
     count, n = dynamics.contact_count, len(dynamics.load)
-    states, normal = States.unknown(count).changed(1, ContactState.CLOSED), np.zeros(count)
+    states, normal = States.all_free(count).with_state(1, ContactState.CLOSED), np.zeros(count)
     normal[1] = -1e6
     goal = 1e6 * dynamics.rows[1, 0], np.zeros((count, 3))
     dual = DualBound(np.zeros(n), normal, np.zeros((count, 2)))
     bounds = OutcomeBounds(dynamics, np.zeros(count), 10.0)
     paid = 1e6 * closing_tolerance(dynamics)
     assert bounds.bound(states, dual, goal) == pytest.approx(paid, rel=1e-6)
-    looser = States.unknown(count).changed(1, ContactState.CLOSED, most=3e-6)
+    looser = States.all_free(count).with_state(1, ContactState.CLOSED, most=3e-6)
     assert bounds.bound(looser, dual, goal) == pytest.approx(3.0, rel=1e-6)
     # The only multipliers that are remembered are the first, too.
     bounds.remember(dual)
-    assert bounds.proving(states, goal[0], 1.01 * paid) is dual
-    assert bounds.proving(states, goal[0], 0.99 * paid) is None
+    assert bounds.remembered_proof(states, goal[0], 1.01 * paid) is dual
+    assert bounds.remembered_proof(states, goal[0], 0.99 * paid) is None

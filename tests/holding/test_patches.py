@@ -152,16 +152,16 @@ def test_a_motion_in_which_contacts_stick_with_friction_at_its_limit_is_found() 
 def test_what_follows_is_proven_from_what_was_split_alone() -> None:
     """Proofs from proofs would make tolerances grow from contact to contact, past the limit."""
     dynamics = dynamics_of(rim(8), ())
-    states = States.unknown(8)
+    states = States.all_free(8)
     for contact in range(3):
-        states = states.changed(contact, ContactState.CLOSED)
+        states = states.with_state(contact, ContactState.CLOSED)
     for contact in range(2):
-        states = states.changed(contact, ContactState.STICKING)
+        states = states.with_state(contact, ContactState.STICKING)
     followed = 0
     while (forced := forced_state(dynamics, states)) is not None:
         for dual in forced.duals:
             assert not dual.normal[3:].any() and not dual.tangential[2:].any()
-        states = states.changed(forced.contact, forced.state, depends=forced.depends)
+        states = states.with_state(forced.contact, forced.state, depends=forced.depends)
         followed += 1
     assert followed == 5 + 6
 
@@ -171,11 +171,11 @@ def test_what_follows_from_what_is_not_exact_is_known_to_what_that_adds_up_to() 
     unit, rng = 1e-13, np.random.default_rng(3)
     dynamics = dynamics_of(rim(8), ())
     parts, slips = rng.uniform(0.2, 1.0, 3), rng.uniform(0.2, 1.0, 2)
-    states = States.unknown(8)
+    states = States.all_free(8)
     for contact, most in enumerate(parts):
-        states = states.changed(contact, ContactState.CLOSED, most=unit * most)
+        states = states.with_state(contact, ContactState.CLOSED, most=unit * most)
     for contact, most in enumerate(slips):
-        states = states.changed(contact, ContactState.STICKING, most=unit * most)
+        states = states.with_state(contact, ContactState.STICKING, most=unit * most)
     told = np.vstack([dynamics.rows[:3, 0], *dynamics.rows[:2, 1:]])
     within = np.repeat(slips, 2) / np.sqrt(2.0)
     most, least = np.concatenate([parts, within]), np.concatenate([0.0 * parts, -within])
@@ -186,14 +186,14 @@ def test_what_follows_from_what_is_not_exact_is_known_to_what_that_adds_up_to() 
             sides = np.concatenate([most, -least])
             farthest = linprog(-row, np.vstack([told, -told]), sides, bounds=(None, None))
             assert forced.most >= unit * -farthest.fun - 1e-16 > 0.0
-        states = states.changed(
+        states = states.with_state(
             forced.contact, forced.state, depends=forced.depends, most=forced.most
         )
         followed += 1
     assert followed == 5 + 6
     # An open contact parts by no more than its closed sibling may.
-    opened = States.unknown(8).changed(3, ContactState.OPEN)
+    opened = States.all_free(8).with_state(3, ContactState.OPEN)
     for contact in range(3):
-        opened = opened.changed(contact, ContactState.CLOSED, most=unit)
+        opened = opened.with_state(contact, ContactState.CLOSED, most=unit)
     found = forced_state(dynamics, opened)
     assert found is None or found.contact != 3

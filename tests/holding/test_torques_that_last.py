@@ -86,7 +86,7 @@ def test_feedback_may_bring_two_frequencies_together() -> None:
     assert (low, high) == (0.0, np.inf)
     assert (first, second) == pytest.approx((1.0, 3.0), rel=1e-3)
     between = replace(motion, gains=np.array([2e6]))
-    assert between.fastest(K)[0] == pytest.approx(1e3 * np.sqrt(3.0 + 0.5j).imag, rel=1e-3)
+    assert between.fastest_growth(K)[0] == pytest.approx(1e3 * np.sqrt(3.0 + 0.5j).imag, rel=1e-3)
 
 
 def test_feedback_that_destabilises_is_told_as_such(ball: Scene) -> None:

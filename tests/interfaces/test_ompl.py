@@ -70,7 +70,7 @@ def margin_between(push: Push, evaluator: Evaluator, one, other, fraction: float
     """The margin on the way between two states, worked out without edges."""
     (q0, T0), (q1, T1) = push.at(*one), push.at(*other)
     motion = ScrewMotion.between(T0, T1, evaluator.scene.object.center_of_mass)
-    return evaluator.evaluate(q0 + fraction * (q1 - q0), *motion.at(fraction)).margin
+    return evaluator.evaluate(q0 + fraction * (q1 - q0), *motion.pose_and_twist(fraction)).margin
 
 
 @pytest.fixture

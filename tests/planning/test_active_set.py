@@ -38,7 +38,7 @@ def relaxations(seed, contacts, size, objective, *, slope=False, in_mode=False):
     best = maximize_margin(problem) if in_mode else None
     if best is None or not best.found:
         return [one.program for one in shared]
-    return [one.program.bounded(*one.bounds_of(best.mode), np.inf) for one in shared]
+    return [one.program.with_bounds(*one.bounds_of(best.mode), np.inf) for one in shared]
 
 
 @settings(max_examples=25)

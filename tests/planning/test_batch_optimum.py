@@ -72,7 +72,7 @@ def test_an_evaluation_is_a_batch_of_one(algorithm, monkeypatch):
     states = [nearby(evaluator, rng, 2e-4) for _ in range(4)]
     for q in states:
         evaluator.evaluate(q)
-    searched, solved = [], StateSolver.posed
+    searched, solved = [], StateSolver.posed_scene
     monkeypatch.setattr(
         StateSolver, "posed", lambda *of, **how: searched.append(of) or solved(*of, **how)
     )
@@ -169,7 +169,7 @@ def test_loops_find_what_pinocchio_and_the_search_for_contacts_do(path):
     loops = BatchContactFinder(evaluator.scene)
     q = np.array([nearby(evaluator, rng, 2e-4) for _ in range(4)] + [evaluator.joint_limits[0]])
     q[4, 0] -= 1.0
-    states = loops.at(q)
+    states = loops.contacts_at(q)
     if states is None:
         assert path.stem != SCENE
         return
@@ -200,10 +200,10 @@ def test_loops_leave_a_link_with_several_shapes_near_the_object_to_the_search(mo
 
     evaluator = Evaluator(example(SCENE))
     q = evaluator.configuration()[None]
-    apart = BatchContactFinder(evaluator.scene).at(q)
+    apart = BatchContactFinder(evaluator.scene).contacts_at(q)
     assert apart is not None and apart.counts.tolist() == [3]
     monkeypatch.setattr(batch_states, "solids_of", of_one_link)
-    together = BatchContactFinder(evaluator.scene).at(q)
+    together = BatchContactFinder(evaluator.scene).contacts_at(q)
     assert together is not None and together.counts.tolist() == [-1]
 
 

@@ -28,7 +28,7 @@ def test_a_screw_motion_is_an_exponential(turn):
     center = rng.normal(size=3)
     motion = ScrewMotion.between(T, expm(spatial) @ T, center)
     for fraction in (0.0, 0.3, 1.0):
-        pose, twist = motion.at(fraction)
+        pose, twist = motion.pose_and_twist(fraction)
         np.testing.assert_allclose(pose, expm(fraction * spatial) @ T, atol=1e-9)
         velocities = spatial @ pose @ [*center, 1.0]
         spin = spatial[[2, 0, 1], [1, 2, 0]]

@@ -432,7 +432,7 @@ def test_a_wedge_is_placed_like_anything_else(gripper: Hand, tmp_path, apex: flo
 @pytest.mark.parametrize("workers", [1, 2])
 def test_time_that_is_up_ends_the_search(scene: Scene, workers: int, monkeypatch) -> None:
     processes = MagicMock()  # start slowly; what each would compute is computed here
-    processes.return_value.taken.return_value.iterate = lambda call, *of: call(*of)
+    processes.return_value.take.return_value.iterate = lambda call, *of: call(*of)
     monkeypatch.setattr(placing, "ChildProcesses", processes)
     found = quickly(scene, candidates=500, time_limit=0.0, workers=workers)
     assert not found.complete and found.tried < 500

@@ -209,7 +209,7 @@ def test_states_that_loops_leave_alone_are_refused_for_deep_links_all_the_same(m
     evaluator = Evaluator(scene)
     spread = rng.uniform(-1.0, 1.0, (200, len(evaluator.joint_names)))
     q = np.clip(evaluator.configuration() + spread, *evaluator.joint_limits)
-    posed = batch_states.BatchContactFinder(scene).at(q)
+    posed = batch_states.BatchContactFinder(scene).contacts_at(q)
     assert posed is not None
     found = evaluator.evaluate_many(q, workers=1).statuses
     left = found[posed.counts < 0]

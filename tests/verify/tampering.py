@@ -266,8 +266,8 @@ def _false_mode(document: Document, claimed: TorqueSolution) -> str:
     lenient = VirtualKinematics(problem, 1e-7)
     size = np.linalg.norm(velocities)
     tidy = np.where(np.abs(velocities) < 1e-7 * size, 0.0, velocities)
-    counts = VirtualKinematics(problem).counts(velocities, required, rules.sign)
-    return "" if counts or lenient.counts(tidy, required, rules.sign) else "motion"
+    counts = VirtualKinematics(problem).meets_requirements(velocities, required, rules.sign)
+    return "" if counts or lenient.meets_requirements(tidy, required, rules.sign) else "motion"
 
 
 def _false_optimum(document: Document, claimed: TorqueSolution, truth: TorqueSolution) -> str:

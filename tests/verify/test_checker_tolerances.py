@@ -150,9 +150,9 @@ def test_multipliers_of_any_size_prove_no_more_of_rest(size):
     inertia = np.diag([1.0] * 3 + [1e-3] * 3)
     dynamics = rest_dynamics(problem, problem.w, inertia, np.zeros(0, dtype=int))
     assert dynamics is not None
-    states = KnownStates.unknown(3)
+    states = KnownStates.all_free(3)
     for contact in range(3):
-        states = states.changed(contact, Kind.OPEN)
+        states = states.with_state(contact, Kind.OPEN)
     goal = dynamics.load, np.zeros((3, 3))
     multipliers = RestMultipliers(-size * dynamics.load, np.zeros(3), np.zeros((3, 2)))
     bound = largest_goal(dynamics, states, np.zeros(3), multipliers, goal, 1e6)

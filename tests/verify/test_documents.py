@@ -257,7 +257,7 @@ def undecided(*_):
 def test_a_proof_for_which_no_solver_decides_is_missing(monkeypatch):
     """What is known besides, the motion behind the mode too, stays in the document."""
     solution = minimize_torque(scene("rest"), 0.1)
-    monkeypatch.setattr(solution_proof.ModeProver, "_node", undecided)
+    monkeypatch.setattr(solution_proof.ModeProver, "_proof_node", undecided)
     monkeypatch.setattr(solution_proof.ModeProver, "_leaf", lambda *_, **__: None)
     document = documented(solution)
     assert document["proof"]["missing"] == "No solver decided."

@@ -37,7 +37,7 @@ def made_up(seed, name):
         (("made up", "either", (4,)),), np.ones(4), -ends(4, rng.uniform(5.0, 50.0, 4)),
         ends(4, rng.uniform(5.0, 50.0, 4)), 0.3 * rng.normal(size=(4, count, 3)), some(4, 3),
     )  # fmt: skip
-    bare = ~problem.cone[:, None]
+    bare = ~problem.has_cone[:, None]
     own = replace(
         own, bounds=np.array([-ends(3, 1e3), ends(3, 1e3)]),
         boxes=np.array([[[-FAR] * 3, [FAR] * 3], [[-2.0 * FAR] * 3, [2.0 * FAR] * 3]]),
@@ -46,7 +46,7 @@ def made_up(seed, name):
     )  # fmt: skip
     low = np.column_stack([np.zeros(count), -rng.uniform(0.0, 5.0, (count, 2))])
     high = np.column_stack([rng.uniform(5.0, 20.0, count), rng.uniform(0.0, 5.0, (count, 2))])
-    low[~problem.cone, 1:] = high[~problem.cone, 1:] = 0.0
+    low[~problem.has_cone, 1:] = high[~problem.has_cone, 1:] = 0.0
     return problem, own, low, high
 
 
@@ -57,7 +57,7 @@ def rows_of(problem, own):
         own_force = np.zeros((problem.count, 3))
         own_force[c] = n
         found.append((own_force, own.normal_upper[c], -np.inf, problem.limit[c]))
-        if not problem.cone[c]:
+        if not problem.has_cone[c]:
             found.append((-own_force, own.normal_lower[c], -np.inf, 0.0))
             continue
         for face in problem.faces(c):
@@ -67,7 +67,11 @@ def rows_of(problem, own):
     for i in range(6):
         force = np.zeros((problem.count, 3))
         for c, axis in product(range(problem.count), range(3)):
-            along = problem.frames[c, axis] if axis or problem.cone[c] else problem.directions[c]
+            along = (
+                problem.frames[c, axis]
+                if axis or problem.has_cone[c]
+                else problem.kinetic_directions[c]
+            )
             force[c, axis] = [*along, *np.cross(problem.p[c], along)][i]
         found.append((force, own.balance[i], -problem.w[i], -problem.w[i]))
     found += zip(own.rows.forces, own.rows.columns, own.rows.low, own.rows.high, strict=True)

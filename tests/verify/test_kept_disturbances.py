@@ -344,7 +344,7 @@ def test_bounds_of_a_span_hold_for_what_happens_between(number):
         dynamics = here.towards(there)
         y, f = body.coordinates(dynamics, outcome.acceleration, outcome.forces)
         for _ in range(30):
-            states, tangential = KnownStates.unknown(len(f)), float(rng.integers(0, 2))
+            states, tangential = KnownStates.all_free(len(f)), float(rng.integers(0, 2))
             slack = slack_of(dynamics, states, y, f, rng, tangential=tangential)
             assert slack >= -1e-8
             tight = min(tight, slack)

@@ -63,18 +63,18 @@ def test_a_strong_verdict_without_its_sides_is_refused():
 
 def states_of(f, u, rng):
     """Return states that an outcome is in, as much or as little told as chance has it."""
-    states = KnownStates.unknown(len(f))
+    states = KnownStates.all_free(len(f))
     for contact, (force, slip) in enumerate(zip(f, u, strict=True)):
         speed, kind = float(np.hypot(*slip[1:])), rng.choice(list(Kind))
         if kind == Kind.OPEN and force[0] <= 0.0:
-            states = states.changed(contact, Kind.OPEN)
+            states = states.with_state(contact, Kind.OPEN)
         elif kind in (Kind.CLOSED, Kind.STICKING, Kind.SLIPPING) and abs(slip[0]) < 1e-9:
-            states = states.changed(contact, Kind.CLOSED)
+            states = states.with_state(contact, Kind.CLOSED)
             if kind == Kind.STICKING and speed < 1e-9:
-                states = states.changed(contact, Kind.STICKING)
+                states = states.with_state(contact, Kind.STICKING)
             elif kind == Kind.SLIPPING and speed > 1e-6:
                 center = float(np.arctan2(slip[2], slip[1])) + rng.uniform(-0.2, 0.2)
-                states = states.changed(contact, Kind.SLIPPING, (center, 0.25))
+                states = states.with_state(contact, Kind.SLIPPING, (center, 0.25))
     return states
 
 
@@ -120,9 +120,9 @@ def test_frictions_that_take_each_other_away_bound_no_outcome_away():
         joint_inertia=two.joint_inertia, torques=(0.5 * G, 0.0),
     )  # fmt: skip
     body = StatedBody(case, two, static_friction="coulomb")
-    dynamics, states = body.dynamics(body.load), KnownStates.unknown(5)
+    dynamics, states = body.dynamics(body.load), KnownStates.all_free(5)
     for contact in (3, 4):
-        states = states.changed(contact, Kind.CLOSED).changed(contact, Kind.STICKING)
+        states = states.with_state(contact, Kind.CLOSED).with_state(contact, Kind.STICKING)
     motion, normal, tangential = np.zeros(8), np.zeros(5), np.zeros((5, 2))
     tangential[3:, 0] = 1e20, -1e20
     multipliers = RestMultipliers(motion, normal, tangential)

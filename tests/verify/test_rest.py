@@ -353,12 +353,12 @@ def test_arcs_of_slip_cover_each_direction(seed):
     half = half_width / count * rng.uniform(0.9, 1.3)
     middles = center - half_width + half_width / count * (1.0 + 2.0 * np.arange(count))
     middles = rng.permutation(middles + 2.0 * np.pi * rng.integers(-2, 3, count)).tolist()
-    known = KnownStates.unknown(1)
+    known = KnownStates.all_free(1)
     sticking = []
     if half_width < np.pi:
-        known = known.changed(0, Kind.SLIPPING, (center, half_width))
+        known = known.with_state(0, Kind.SLIPPING, (center, half_width))
     else:
-        known, sticking = known.changed(0, Kind.CLOSED), [of_contact(Kind.STICKING)]
+        known, sticking = known.with_state(0, Kind.CLOSED), [of_contact(Kind.STICKING)]
     children = [*sticking, *(of_contact(Kind.SLIPPING, (one, half)) for one in middles)]
     directions = center + np.linspace(-half_width, half_width, 5001)
     away = np.abs((directions[:, None] - middles + np.pi) % (2.0 * np.pi) - np.pi)
@@ -384,7 +384,7 @@ def test_arcs_of_slip_cover_each_direction(seed):
     ],
 )
 def test_a_split_leaves_out_no_state(known, kinds, why):
-    states = KnownStates.unknown(1).changed(0, known, (0.0, np.pi))
+    states = KnownStates.all_free(1).with_state(0, known, (0.0, np.pi))
     children = [of_contact(kind) for kind in kinds]
     assert uncovered_states(children, states, np.array([False])) == why
     # A contact that a finger presses is never open.
@@ -434,18 +434,18 @@ def test_each_condition_of_an_outcome_is_held_up_alone():
 
 def states_of(f, u, rng):
     """Return states that an outcome is in, with how far closed contacts part and slip."""
-    states = KnownStates.unknown(len(f))
+    states = KnownStates.all_free(len(f))
     for contact, (force, slip) in enumerate(zip(f, u, strict=True)):
         kind, speed = rng.choice(list(Kind)), float(np.hypot(*slip[1:]))
         center = float(np.arctan2(slip[2], slip[1])) + rng.uniform(-0.2, 0.2)
         if kind == Kind.OPEN and np.abs(force).max() < 1e-9:
-            states = states.changed(contact, Kind.OPEN)
+            states = states.with_state(contact, Kind.OPEN)
         elif kind in (Kind.CLOSED, Kind.STICKING, Kind.SLIPPING):
-            states = states.changed(contact, Kind.CLOSED, most=max(float(slip[0]), 0.0))
+            states = states.with_state(contact, Kind.CLOSED, most=max(float(slip[0]), 0.0))
             if kind == Kind.STICKING:
-                states = states.changed(contact, Kind.STICKING, most=speed)
+                states = states.with_state(contact, Kind.STICKING, most=speed)
             elif kind == Kind.SLIPPING and speed > 1e-6:
-                states = states.changed(contact, Kind.SLIPPING, (center, 0.25))
+                states = states.with_state(contact, Kind.SLIPPING, (center, 0.25))
     return states
 
 
@@ -472,5 +472,5 @@ def test_a_slip_without_a_load_is_as_long_as_its_own_rows_let_it_be():
         own = np.where(np.arange(3)[:, None] == contact, multipliers.tangential, 0.0)
         asked = -np.einsum("li,lin->n", own, rows[:, 1:]), goal
         alone = RestMultipliers(multipliers.motion, multipliers.normal, own)
-        bound = largest_goal(dynamics, KnownStates.unknown(3), np.zeros(3), alone, asked, 1e6)
+        bound = largest_goal(dynamics, KnownStates.all_free(3), np.zeros(3), alone, asked, 1e6)
         assert bound == pytest.approx(np.linalg.norm(rows[contact, 1:]), rel=1e-9)

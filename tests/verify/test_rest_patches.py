@@ -197,7 +197,7 @@ def test_bounds_hold_for_what_a_patch_does(number):
         arcs[~some] = 0.0, np.pi
         contacts = tuple(range(len(f)))
         cone = MotionCone(np.eye(3), 0, 1, -np.ones(2), np.ones(2))
-        states = KnownStates.unknown(len(f)).with_patch(
+        states = KnownStates.all_free(len(f)).with_patch(
             PatchSlip(contacts, np.zeros((len(f), 2, 3)), arcs, cone), 0.0
         )
         if rng.random() < 0.3:
@@ -213,9 +213,9 @@ def test_what_is_known_of_two_patches_is_kept_apart():
         [replace(part, contacts=contacts) for part in faces(images[:2], axes)]
         for contacts in ((0, 1), (2, 3))
     )
-    states = KnownStates.unknown(4)
+    states = KnownStates.all_free(4)
     latest = {}
     for part in (one[1], other[2], one[3], other[4], one[5]):
         states, latest[part.contacts] = states.with_patch(part, 0.0), part
         for patch in (one[0], other[0]):
-            assert states.known(patch) is latest.get(patch.contacts)
+            assert states.known_slip(patch) is latest.get(patch.contacts)

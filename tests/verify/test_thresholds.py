@@ -112,7 +112,7 @@ def test_forces_meet_each_constraint_to_a_millionth_of_load_or_limit(name, force
 def test_a_contact_does_not_pull(pull):
     problem, forces = answer(documented(minimize_torque(scene("up"), 0.1)))
     pulling = forces.f.copy()
-    pulling[3] = -pull * problem.force * problem.directions[3]
+    pulling[3] = -pull * problem.force * problem.kinetic_directions[3]
     found = {c.name: c.passed for c in force_checks(problem, Forces(problem, pulling))}
     assert not found["normal forces within 0 and limit"]
     assert found["kinetic friction against sliding"]

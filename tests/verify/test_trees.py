@@ -11,7 +11,7 @@ from verified_documents import changed, documented, failed
 from graspless_pin import QuasistaticProblem, maximize_margin
 from graspless_pin.report.verify import verify_document
 from graspless_pin.report.verify.reading import read_problem
-from graspless_pin.report.verify.tree import State, TreeWalk, pairs_with
+from graspless_pin.report.verify.tree import ModeSet, TreeWalk, pairs_with
 
 FLOOR = [[0.1, 0.1, -0.1], [-0.1, 0.1, -0.1], [0.0, -0.1, -0.1]]
 WALL = [[0.05, 0.1, 0.0], [-0.05, 0.1, 0.0]]
@@ -65,7 +65,7 @@ def lifting(sign, at=FINGER):
 def walked(problem, nodes, *, free=False, root=None):
     walk = TreeWalk(problem, float(problem.limit.max()))
     nodes = problem.part({"nodes": nodes}, "proof", "proof")["nodes"]
-    return walk.walk(nodes, root or State.every_mode(problem, free=free))
+    return walk.walk(nodes, root or ModeSet.every_mode(problem, free=free))
 
 
 def some(sign=None, component=1):
@@ -120,14 +120,14 @@ def test_a_contact_may_stay_unselected(floor):
 
 def test_a_selected_contact_has_no_part_without_it(floor):
     _, problem = floor
-    root = State.every_mode(problem, free=False)
+    root = ModeSet.every_mode(problem, free=False)
     assert root.selected.tolist() == [True, True, True, False]
-    chosen = root.only(FINGER, some())
-    assert chosen is not None and chosen.only(FINGER, ~some()) is None
+    chosen = root.restricted_to(FINGER, some())
+    assert chosen is not None and chosen.restricted_to(FINGER, ~some()) is None
     split = {"kind": "contact", "contact": FINGER}
     pairs = [{"kind": "kinematic", "combination": lifting(s)} for s in (-1, 1, -1, 1)]
     assert not walked(problem, [split, *pairs], root=chosen).failure
-    released = root.only(FINGER, ~some())
+    released = root.restricted_to(FINGER, ~some())
     assert released is not None
     proof = walked(problem, [split], root=released)
     assert "1 nodes" not in proof.failure  # one part is left: the whole of it
@@ -174,8 +174,8 @@ def test_a_combination_weighs_only_what_the_part_knows(floor, v):
     """Contacts that need not be selected, or signs that are open, exclude nothing."""
     _, problem = floor
     assert walked(problem, [{"kind": "kinematic", "combination": v}]).failure
-    every = State.every_mode(problem, free=False)
-    chosen = every.only(FINGER, some(1))
+    every = ModeSet.every_mode(problem, free=False)
+    chosen = every.restricted_to(FINGER, some(1))
     assert chosen is not None
     assert walked(problem, [{"kind": "kinematic", "combination": v}], root=chosen).failure
 
@@ -200,7 +200,7 @@ def test_leaves_without_objective_prove_that_there_are_no_forces():
 
 def test_a_selected_contact_has_every_pair_of_signs_but_no_sliding(floor):
     problem = floor[1]
-    every = State.every_mode(problem, free=False)
+    every = ModeSet.every_mode(problem, free=False)
     whole = replace(every, allowed_pairs=np.ones_like(every.allowed_pairs))
     split = {"kind": "contact", "contact": FINGER}
     for root, parts in ((every, 5), (whole, 9)):

@@ -167,7 +167,7 @@ def best_policy(
     """
     policies, free = list[ForcePolicy](), list[int]()
     for mode in modes:
-        if limits.passed:
+        if limits.is_time_over:
             break
         program = _AffineProgram(corners, unknowns, objective, directions, mode)
         found, free = program.optimal_policy(limits), program.free

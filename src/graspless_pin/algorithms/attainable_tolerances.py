@@ -95,7 +95,7 @@ def largest_served(
     def allowed_gap() -> float:
         return max(near, relative * high)
 
-    while high - low > allowed_gap() and not limits.passed:
+    while high - low > allowed_gap() and not limits.is_time_over:
         trial = 0.5 * (low + high)
         if failed.conflict:
             trial = low
@@ -111,7 +111,7 @@ def largest_served(
         found = solve_size(trial)
         if found.found:
             low, best = trial, found
-        elif found.status is Status.NOT_FOUND_IN_LIMIT and limits.passed:
+        elif found.status is Status.NOT_FOUND_IN_LIMIT and limits.is_time_over:
             break
         else:
             high, failed_size, failed = trial, trial, found
@@ -198,7 +198,7 @@ def largest_share(
         limits: When to stop.
     """
     found = largest_served(solve_share, whole, (0.0, 1.0), near=_SHARE, limits=limits)
-    if found.served == 0.0 and not limits.passed and not solve_share(0.0).found:
+    if found.served == 0.0 and not limits.is_time_over and not solve_share(0.0).found:
         return replace(found, served=nan)
     return found
 
@@ -302,7 +302,7 @@ class AttainableSearch:
     ) -> None:
         """Store the arguments; the time of all searches begins."""
         self.problem, self.weight, self.stiffness = problem, weight, stiffness
-        self.options, self.limits = options, Limits.of(options)
+        self.options, self.limits = options, Limits.from_options(options)
         self.directions = feedback_torques(problem, stiffness)
         self.nominal = nominal_member(problem)
         still = np.zeros(3)
@@ -324,7 +324,7 @@ class AttainableSearch:
             return AttainableTolerance(quantity, known, inf, torques)
         found = self._served_size(sets, known)
         served = read_only(np.array(torques if found.best is None else found.best.torques))
-        if self.limits.passed:
+        if self.limits.is_time_over:
             return AttainableTolerance(quantity, found.served, inf, served, in_time=False)
         failing, conflict = sets.wide * found.failing, found.conflict
         if sets.figure == "tilt" and np.isfinite(failing):

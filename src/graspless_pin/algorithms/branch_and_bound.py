@@ -71,7 +71,7 @@ def branch_and_bound(state: SearchState) -> Status:
 
     every = ModePart.every_mode(state.formulation.problem, state.rules)
     root = _keep_or_split(state, tree, every, answer, -np.inf)
-    status, state.cover = best_first(state, root, expand, state.closed)
+    status, state.cover = best_first(state, root, expand, state.is_closed)
     return status
 
 
@@ -90,7 +90,7 @@ def _try_guessed_modes(state: SearchState, answer: Answer) -> None:
         if guess.outcome is not Outcome.SOLVED or guess.value >= state.best_value:
             return
         state.keep(guess, found)
-        if state.closed(answer.bound):
+        if state.is_closed(answer.bound):
             return
         x = guess.x
 
@@ -100,7 +100,7 @@ def _keep_or_split(
 ) -> Fathomed | Split[ModePart]:
     """Keep the optimum of a part if a mode admits it; otherwise split the part."""
     fathomed = Fathomed(answer.bound)
-    if answer.outcome is not Outcome.SOLVED or state.closed(answer.bound):
+    if answer.outcome is not Outcome.SOLVED or state.is_closed(answer.bound):
         return fathomed
     x = tree.without_forbidden_friction(part, answer.x)
     found = state.oracle.mode_for(x, state.near)
@@ -111,7 +111,7 @@ def _keep_or_split(
         found = None
     elif state.modes_examined % _GUESS_EVERY == 1:
         _try_guessed_modes(state, answer)
-        if state.closed(answer.bound):
+        if state.is_closed(answer.bound):
             return fathomed
     # The signs that the part fixes may exclude its modes where the friction alone does not.
     conflict = state.oracle.conflict_for(x, part) if found is None else found
@@ -144,28 +144,28 @@ def search_exhaustively(state: SearchState) -> Status:
     found = state.oracle.mode_for(answer.x)
     state.modes_examined = 1
     if isinstance(found, FoundMode) and state.offer(answer, found):
-        return state.ended()
+        return state.final_status()
     smallest = np.inf
     modes = feasible_modes(
         state.formulation.problem, state.formulation.kinematics, state.rules, maximal=True,
-        is_over=lambda _: limits.passed,
+        is_over=lambda _: limits.is_time_over,
     )  # fmt: skip
     try:
         for listed in modes:
-            if limits.end(state.nodes):
-                return state.ended(interrupted=True)
+            if limits.is_over(state.nodes):
+                return state.final_status(interrupted=True)
             state.nodes += 1
             state.modes_examined += 1
             answer = state.solve(*state.formulation.bounds_of(listed))
             smallest = min(smallest, answer.bound)
             if answer.outcome is Outcome.SOLVED and answer.value < state.best_value:
                 state.keep(answer, FoundMode(listed))
-            if state.closed(state.bound):
-                return state.ended()
+            if state.is_closed(state.bound):
+                return state.final_status()
     except OverrunError:  # while modes were listed
-        return state.ended(interrupted=True)
+        return state.final_status(interrupted=True)
     state.raise_bound(smallest)
-    return state.ended()
+    return state.final_status()
 
 
 _LEAST_OPTIMUM = 0.01
@@ -456,4 +456,4 @@ def search_modes(state: SearchState) -> Status:
             return search_exhaustively(state)
         return (search_directions if state.rules.by_direction else branch_and_bound)(state)
     except UndecidedMotionError:
-        return state.undecided()
+        return state.undecided_status()

@@ -102,14 +102,14 @@ def compare_rules(
         strict + exempt                   0.1                0.9618
     """
     how, objective = SolveOptions.parse(**options), objective_named(algorithm, {"margin": margin})
-    limits = Limits.of(how)
+    limits = Limits.from_options(how)
     readings = [Rules(sign, sliding) for sign, sliding in product(SignRule, SlidingRule)]
     readings.append(Rules(static_friction=StaticFriction.COULOMB))
     refuses_directions = objective.algorithm is None or how.search is Search.ENUMERATE
     if refuses_directions or not checked_problem(problem).cone_model.is_coulomb:
         readings = [rules for rules in readings if not rules.by_direction]
     found = {
-        rules: solve_problem(problem, objective, limits.within(replace(how, rules=rules)))
+        rules: solve_problem(problem, objective, limits.with_time_left(replace(how, rules=rules)))
         for rules in readings
     }
     return RuleComparison(objective.algorithm, found)
@@ -147,19 +147,19 @@ def solve_each_mode(
     options["static_friction"] = StaticFriction.VIRTUAL_SLIDING
     how, objective = SolveOptions.parse(**options), objective_named(algorithm, {"margin": margin})
     signs, sliding = how.rules.sign, how.rules.sliding
-    limits = Limits.of(how)
+    limits = Limits.from_options(how)
     modes = enumerate_modes(
         problem, sign_rule=signs, sliding_rule=sliding, maximal=True, time_limit=how.time_limit
     )
     with suppress(OverrunError):
         for nodes, mode in enumerate(modes):
-            if limits.end(nodes):
+            if limits.is_over(nodes):
                 break
             yield solve_problem(problem, objective, how, mode=mode)
         else:
             return
     state = SearchState(formulate(problem, objective), how, limits)
-    yield solution_of(state.ended(interrupted=True), state)
+    yield solution_of(state.final_status(interrupted=True), state)
 
 
 _LARGEST_FACTOR = 16.0
@@ -232,16 +232,16 @@ def smallest_factor(
             contact has a cone then.
         options: How the problems are solved.
     """
-    proven, limits = True, Limits.of(options)
+    proven, limits = True, Limits.from_options(options)
 
     def is_feasible(factor: float) -> bool:
         nonlocal proven
-        if limits.passed:
+        if limits.is_time_over:
             proven = False
             return False
         friction = np.minimum(factor * problem.friction, LARGEST_FRICTION)
         scaled = problem.with_changes(friction=friction)
-        solution = solve_problem(scaled, objective, limits.within(options))
+        solution = solve_problem(scaled, objective, limits.with_time_left(options))
         proven = proven and solution.status not in UNDECIDED
         return solution.found
 

@@ -140,7 +140,7 @@ def disturbance_margin(
         "leave it out, and ask `stability` under a disturbance",
     )
     how.rules.need_signs("disturbance_margin")
-    limits = Limits.of(how)
+    limits = Limits.from_options(how)
     units, length = unit_disturbances(problem, directions, characteristic_length)
     fixed_torques = None
     if torques is not None:
@@ -176,7 +176,7 @@ def _connected_end(
         state = SearchState(formulation.capped("multiple", begin - _SAME_MULTIPLE), how, limits)
         status = search_modes(state)
         best, mode = state.best, state.mode
-        if limits.passed or status in (Status.LIMIT_REACHED, Status.NOT_FOUND_IN_LIMIT):
+        if limits.is_time_over or status in (Status.LIMIT_REACHED, Status.NOT_FOUND_IN_LIMIT):
             return Status.LIMIT_REACHED, np.nan
         if status is not Status.OPTIMAL or best is None or mode is None:
             # Zero was found to be balanced: a search that finds nothing contradicts that.

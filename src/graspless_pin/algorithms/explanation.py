@@ -106,15 +106,15 @@ class ChangeSearches:
 
     def __init__(self, options: SolveOptions) -> None:
         """Start the time limit."""
-        self.limits = Limits.of(options)
+        self.limits = Limits.from_options(options)
         self.cut_short = False
 
     def options(self, rules: Rules) -> SolveOptions | None:
         """Return the options of the next solve; None: the time is over."""
-        if self.limits.passed:
+        if self.limits.is_time_over:
             self.cut_short = True
             return None
-        return self.limits.within(SolveOptions(rules, node_limit=self.limits.node_limit))
+        return self.limits.with_time_left(SolveOptions(rules, node_limit=self.limits.node_limit))
 
     def note_status(self, status: Status) -> None:
         """Note whether a search ended early, by its status."""

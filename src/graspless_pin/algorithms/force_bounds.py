@@ -89,7 +89,7 @@ class ForceExtremes:
         options: SolveOptions,
     ) -> None:
         """Look for a mode that balances the torques (L,), N m; the time of all searches begins."""
-        self.limits, self.options = Limits.of(options), options
+        self.limits, self.options = Limits.from_options(options), options
         self.problem, self.torques = problem, torques
         self.force_set = formulate(problem, ForceSet(torques))
         self.rays = formulate(problem, FreeRays())
@@ -124,7 +124,7 @@ class ForceExtremes:
         scale = float(np.abs(functional).max())
         if scale == 0.0:
             return Extreme(0.0, proven=True)
-        self.proven = not self.limits.passed
+        self.proven = not self.limits.is_time_over
         value = -np.inf
         if self.proven:
             c = -functional / scale
@@ -191,7 +191,7 @@ class ForceExtremes:
 
     def largest_margin(self) -> Extreme:
         """Return the largest margin over all modes, normal-force limits included."""
-        self.proven = not self.limits.passed
+        self.proven = not self.limits.is_time_over
         if self.proven:
             best = self._search_modes(formulate(self.problem, HeldMargin(self.torques)))[1].best
             if best is not None:
@@ -253,7 +253,7 @@ class ForceExtremes:
         pair = formulate(self.problem, beside, layers=(0, self.rows.size))
         pair = pair.with_costs(np.concatenate([np.zeros(len(c)), c]))
         for limit in _RAY_NODE_LIMITS:
-            if self.limits.passed:
+            if self.limits.is_time_over:
                 self.proven = False
                 break
             ray, over = self._improving_mode(alone, limit)
@@ -305,7 +305,7 @@ class ForceExtremes:
         own = self.limits if node_limit is None else replace(self.limits, node_limit=node_limit)
         state = SearchState(replace(formulation, cutoff=cutoff), self.options, own)
         status = search_modes(state)
-        ended = status in _ENDED_EARLY and (self.limits.passed or node_limit is None)
+        ended = status in _ENDED_EARLY and (self.limits.is_time_over or node_limit is None)
         self.proven = self.proven and not (state.unproven or ended)
         # Only programs of the force set have the variables and rows of such forces.
         if state.best is not None and formulation.objective is self.force_set.objective:

@@ -68,7 +68,7 @@ class Formulation:
 
     def solve(self, lb: FloatArray, ub: FloatArray, solver: str, *, cutoff: float) -> Answer:
         """Solve the program under other bounds; values above the cutoff count as infeasible."""
-        return solve(self.program.bounded(lb, ub, min(cutoff, self.cutoff)), solver)
+        return solve(self.program.with_bounds(lb, ub, min(cutoff, self.cutoff)), solver)
 
     def solve_along(
         self, friction: Mapping[int, Sector | None], solver: str, *, cutoff: float
@@ -94,13 +94,13 @@ class Formulation:
         for contact, sector in friction.items():
             if sector is not None:
                 x[tangent[contact]] = -sector.edges @ x[tangent[contact]]
-        return answer.moved(x, answer.value, answer.residual)
+        return answer.at_point(x, answer.value, answer.residual)
 
     def capped(self, column: str, limit: float) -> Formulation:
         """Return the formulation with an upper bound on an added column, given by its name."""
         ub = self.program.ub.copy()
         ub[self.program.column(column)] = limit
-        return replace(self, program=self.program.bounded(self.program.lb, ub))
+        return replace(self, program=self.program.with_bounds(self.program.lb, ub))
 
     def admitted(self, mode: SlidingMode, x: FloatArray) -> FloatArray:
         """Return x with the friction that a mode forbids set to zero; x itself if there is none."""

@@ -143,7 +143,7 @@ class _TorqueSearch:
             self.best.problem,
             candidate.torques,
             node_limit=min(nodes, self.options.verdict_nodes),
-            time_limit=self.limits.within(self.options).time_limit,
+            time_limit=self.limits.with_time_left(self.options).time_limit,
         )
         self.tried.append((candidate, verdict))
         return verdict
@@ -156,7 +156,7 @@ class _TorqueSearch:
             verdict = self.ask_verdict(candidate, nodes)
             if self.rest.is_kept(verdict):
                 return candidate, verdict
-            if self.limits.passed:
+            if self.limits.is_time_over:
                 break
         return None
 
@@ -279,7 +279,7 @@ def stable_torques(
     low = program.lb.copy()
     for columns in margin:
         low[columns] = np.maximum(low[columns], 0.0)
-    program = program.bounded(low, program.ub)
+    program = program.with_bounds(low, program.ub)
     basis = coordinates.force_scale * coordinates.basis.T
     offsets = [(motion, np.zeros((problem.contact_count, 3))) for motion in motions]
     torques = None
@@ -296,7 +296,7 @@ def stable_torques(
         count = len(offsets)
         for motion in motions:
             worst = extreme_forces(motion, whole, torques, forces, worst=True)
-            if motion.fastest(motion.stiffness(worst))[0] > 0.0:
+            if motion.fastest_growth(motion.stiffness(worst))[0] > 0.0:
                 offsets.append((motion, worst - forces))
         if len(offsets) == count:
             break

@@ -68,7 +68,7 @@ def common_mode(
         signed_unit=whole.signed_unit,
         layers=tuple(size * number for number in range(count)),
     )
-    state = SearchState(layered, options, Limits.of(options))
+    state = SearchState(layered, options, Limits.from_options(options))
     search_modes(state)
     return state.mode
 
@@ -245,19 +245,19 @@ def minimal_conflict(
     def are_refuted(numbers: list[int]) -> bool:
         """Return whether it is proven that no torques serve some members together."""
         together = join_members([members[one] for one in numbers], directions)
-        found = solve_problem(together, objective, limits.within(coulomb))
+        found = solve_problem(together, objective, limits.with_time_left(coulomb))
         return found.status is Status.INFEASIBLE_FORCES
 
     order, count = _conflict_order(refuted, members), _FEW
     order = [*fixed, *(one for one in order if one not in fixed)]
-    while count < len(order) and not are_refuted(sorted(order[:count])) and not limits.passed:
+    while count < len(order) and not are_refuted(sorted(order[:count])) and not limits.is_time_over:
         count *= 2
     conflict = sorted(order[:count])
     for number in tuple(conflict):
         fewer = [one for one in conflict if one != number]
-        if fewer and number not in fixed and not limits.passed and are_refuted(fewer):
+        if fewer and number not in fixed and not limits.is_time_over and are_refuted(fewer):
             conflict = fewer
-    return () if limits.passed else tuple(conflict)
+    return () if limits.is_time_over else tuple(conflict)
 
 
 def _conflict_order(refuted: TorqueSolution, members: Sequence[Member]) -> list[int]:
@@ -310,7 +310,7 @@ def member_margins(
     open_members = np.ones(len(members), dtype=bool)
     if mode is not None or options.rules.static_friction is StaticFriction.COULOMB:
         for group in _load_groups(members):
-            if limits.passed:
+            if limits.is_time_over:
                 break
             alike = [members[number] for number in group]
             loads = loads_under_commands(alike, commanded, directions)
@@ -325,7 +325,7 @@ def member_margins(
             )
             open_members[group] = np.isnan(margins[group])
     for number in np.flatnonzero(open_members).tolist():
-        if limits.passed:
+        if limits.is_time_over:
             break
         under = under_limits(members[number], commanded, directions, torque_limits)
         solution = solve_problem(under, Margin(), options, mode=mode)
@@ -401,7 +401,7 @@ def _margins_by_pivots(
     every = np.arange(len(program.rows), dtype=np.int32)
     found = np.zeros((len(loads), len(program.c)))
     for number in range(len(loads)):
-        if limits.passed:
+        if limits.is_time_over:
             break
         simplex.set_sides(every, lows[number] - tolerance, highs[number] + tolerance)
         answer = simplex.solve()

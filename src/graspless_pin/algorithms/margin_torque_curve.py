@@ -266,7 +266,7 @@ class CurveSearch:
 
     def _solve_in_mode(self, mode: SlidingMode | None, program: Program) -> Answer:
         bounds = replace(self.formulation, program=program).bounds_of(mode)
-        answer = solve(program.bounded(*bounds), self.options.solver)
+        answer = solve(program.with_bounds(*bounds), self.options.solver)
         if answer.outcome is Outcome.FAILED:
             self.unanswered.append(program)
         return answer
@@ -419,7 +419,7 @@ def margin_torque_curve(
     how.rules.need_signs("margin_torque_curve")
     torque_scale = choice(TorqueScale, "scale", scale)
     formulation = formulate(problem, Tradeoff(torque_objective(0.0, torque_scale)))
-    status, pieces = CurveSearch(formulation, how, Limits.of(how)).run()
+    status, pieces = CurveSearch(formulation, how, Limits.from_options(how)).run()
     units = formulation.coordinates.force_scale, formulation.signed_unit
     return MarginTorqueCurve(
         status,

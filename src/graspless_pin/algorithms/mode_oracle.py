@@ -72,7 +72,7 @@ class ModeOracle:
             components exclude one, or if two sets of forces have friction of opposite signs.
         """
         if self.rules.static_friction is StaticFriction.COULOMB:
-            return FoundMode(self.describe(x))
+            return FoundMode(self.mode_of_friction(x))
         found = self._mode_without_search(x, near)
         if found is not None:
             return found
@@ -150,7 +150,7 @@ class ModeOracle:
         )
         return FoundMode(mode_of(self.formulation.problem, wanted_of), motion, is_clear=True)
 
-    def describe(self, x: FloatArray) -> SlidingMode:
+    def mode_of_friction(self, x: FloatArray) -> SlidingMode:
         """Return the mode with the signs opposite to the friction in x, feasible or not."""
         friction = self._friction_signs(x)
         signs = np.zeros((self.formulation.problem.contact_count, 2), dtype=np.int8)
@@ -162,7 +162,7 @@ class ModeOracle:
         """Return the mode of the friction in x, if a motion of it is found without a search."""
         if self._always_selected or len(self.formulation.layers) > 1:
             return None
-        mode = self.describe(x)
+        mode = self.mode_of_friction(x)
         seen = self._witness_without_search(
             mode.contacts, mode.own_signs.ravel().astype(np.float64), guess
         )
@@ -252,9 +252,9 @@ class ModeOracle:
             Requirement(contact, (a or seen[contact][0], b or seen[contact][1]))
             for contact, (a, b) in known
         )
-        if all(0 not in requirement.signs for requirement in shown) and kinematics.counts(
-            velocities, shown, self.rules.sign
-        ):
+        if all(
+            0 not in requirement.signs for requirement in shown
+        ) and kinematics.meets_requirements(velocities, shown, self.rules.sign):
             return self._mode_with_motion(shown, witness)
         blocked = self._blocked_component(known, part)
         if blocked is not None:

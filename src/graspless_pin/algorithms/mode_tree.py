@@ -104,7 +104,7 @@ class ModePart:
         """Return the signs along one tangent that a contact may have."""
         return [sign for sign in SIGN_VALUES if self.allowed_signs[contact, component, sign + 1]]
 
-    def only(self, contact: int, pairs: NDArray[np.bool_]) -> ModePart | None:
+    def restricted_to(self, contact: int, pairs: NDArray[np.bool_]) -> ModePart | None:
         """Return the part's modes in which a contact has one of some pairs; None: there is none.
 
         Args:
@@ -216,8 +216,8 @@ class ModeTree:
             if remainder is None:
                 break
             pairs = _pairs_with(component, sign)
-            children.append(remainder.only(contact, ~pairs))
-            remainder = remainder.only(contact, pairs)
+            children.append(remainder.restricted_to(contact, ~pairs))
+            remainder = remainder.restricted_to(contact, pairs)
         kept = [child for child in children if child is not None]
         return ConflictSplit(tuple(items), combinations, opened), kept
 
@@ -240,7 +240,7 @@ class ModeTree:
             unknown,
             key=lambda one: (opposed[one] > NO_FRICTION, size[one].sum(), part.selected[one]),
         )
-        children = [part.only(contact, pair) for pair in _PAIRS]
+        children = [part.restricted_to(contact, pair) for pair in _PAIRS]
         return ContactSplit(contact), [child for child in children if child is not None]
 
     def _sharpened_combination(

@@ -113,7 +113,7 @@ def torques_by_policy(
             chosen.insert(0, corners[0])
         together, how = (
             join_members(chosen, directions),
-            node_limited(limits.within(options), NODES),
+            node_limited(limits.with_time_left(options), NODES),
         )
         every = None if mode is None else mode_of_all(mode, len(chosen))
         bounding = solve_problem(together, objective, how, mode=every)
@@ -124,11 +124,11 @@ def torques_by_policy(
     extremes = extreme_members(corners[:1], unknowns, free[:1])
     if not free:
         extremes = _far_extremes(corners, unknowns, _EXTREMES)
-    how = limits.within(options)
+    how = limits.with_time_left(options)
     solution, coverage = best_torques(extremes, objective, how, directions, mode)
     bound = torques_bound(solution, extremes, objective, how, mode)
     conflict = minimal_conflict(solution, extremes, objective, options, limits, directions)
-    if limits.passed and solution.status is not Status.INFEASIBLE_FORCES:
+    if limits.is_time_over and solution.status is not Status.INFEASIBLE_FORCES:
         solution = without_forces(solution, Status.NOT_FOUND_IN_LIMIT)
     elif solution.found:  # for these members alone
         solution = without_forces(solution, Status.UNVERIFIED)
@@ -146,7 +146,7 @@ def _common_modes(
     """Return modes in which affine forces are looked for: common to extremes, and to corners."""
     found: dict[bytes, SlidingMode | None] = {}
     for some in (_far_extremes(corners, unknowns, _SHARING), far_members(corners, _SHARING)[0]):
-        how = node_limited(limits.within(options), COMMON_NODES)
+        how = node_limited(limits.with_time_left(options), COMMON_NODES)
         mode = common_mode(join_members(some, directions), some, objective, how)
         if mode is not None:
             found[mode.selection.tobytes() + mode.signs.tobytes()] = mode
@@ -212,7 +212,7 @@ def solve_robust(
         "arrays do not tell what inertia a member has",
         "ask it of a scene: scene.solve(uncertainty=..., stability='strong')",
     )
-    limits = Limits.of(options)
+    limits = Limits.from_options(options)
     radii = contact_radii(problem, uncertainty, slopes)
     weight = known_weight(problem, uncertainty, weight)
     of_corners = part_of_corners(problem, uncertainty)
@@ -247,7 +247,7 @@ def solve_robust(
     deficits = _margin_deficits(
         found.solution, objective, options, found.members, tried, directions, limits
     )
-    if limits.passed:
+    if limits.is_time_over:
         return replace(found, solution=without_forces(found.solution, Status.NOT_FOUND_IN_LIMIT))
     return replace(
         found, samples=Samples(len(tried), int((deficits == 0.0).sum()), _SOLVED, covered)
@@ -287,7 +287,7 @@ def torques_for_members(
     others += further
     while True:
         solution, coverage = best_torques(
-            chosen, objective, limits.within(options), directions, mode
+            chosen, objective, limits.with_time_left(options), directions, mode
         )
         deficits = np.zeros(len(others))
         if solution.found:
@@ -295,7 +295,7 @@ def torques_for_members(
                 solution, objective, options, chosen, others, directions, limits
             )
         unserved = np.flatnonzero(deficits)
-        if limits.passed and others and solution.found:
+        if limits.is_time_over and others and solution.found:
             solution = without_forces(solution, Status.NOT_FOUND_IN_LIMIT)
             break
         if not len(unserved):
@@ -307,7 +307,7 @@ def torques_for_members(
         kept_count = len(chosen)
         chosen, others = far_members(candidates, kept_count + _MORE, held=kept_count)
         others += served
-    bound = torques_bound(solution, chosen, objective, limits.within(options), mode)
+    bound = torques_bound(solution, chosen, objective, limits.with_time_left(options), mode)
     conflict = minimal_conflict(solution, chosen, objective, options, limits, directions)
     names = members[0].problem.joint_names
     return RobustSolution(solution, coverage, bound, (*chosen, *others), names, conflict)

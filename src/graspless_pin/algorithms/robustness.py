@@ -137,7 +137,7 @@ def load_bracket(
         limits: Sets of outcomes that each of the two trees of a span may look at, and the time.
             Proofs that are complete by then are kept.
     """
-    if limits.passed:
+    if limits.is_time_over:
         return LoadBracket(np.nan, None, (), None, complete=False)
     line = LoadLine(
         undisturbed.problem, undisturbed.torques, direction, undisturbed.acceleration_limit
@@ -147,17 +147,17 @@ def load_bracket(
     low, high = 0.0, possible
     end = possible if possible >= most else (1.0 - 0.5 * precision) * possible
     while high - low > 0.5 * precision * high and high > 0.5**_MOST_HALVINGS * possible:
-        if limits.passed:
+        if limits.is_time_over:
             break
-        low, high = (low, end) if line.moves(end) else (end, high)
+        low, high = (low, end) if line.has_motion(end) else (end, high)
         end = 0.5 * (low + high)
     spans, ends, below = list[SpanProof](), [low] if low > 0.0 else [], 0.5 * precision
     guaranteed = 0.0
     for _ in range(_MOST_SPANS):
-        if not ends or limits.passed:
+        if not ends or limits.is_time_over:
             break
         end = ends[-1]
-        proof = line.proof(guaranteed, end, limits.end)
+        proof = line.prove_span(guaranteed, end, limits.is_over)
         if isinstance(proof, SpanProof):
             spans.append(proof)
             guaranteed = ends.pop()
@@ -170,7 +170,7 @@ def load_bracket(
         if not ends and high - guaranteed > precision * high:
             ends = [max(0.5 * (guaranteed + high), (1.0 - below) * high)]
     failing, failure = _failing_multiple(line, undisturbed, high, (possible, most), limits)
-    return LoadBracket(failing, failure, tuple(spans), last_rest, not limits.passed)
+    return LoadBracket(failing, failure, tuple(spans), last_rest, not limits.is_time_over)
 
 
 def _failing_multiple(
@@ -184,10 +184,10 @@ def _failing_multiple(
     possible, most = ends
     if high >= most:
         return np.inf, None
-    size = float(np.abs(line.in_loads).max())
+    size = float(np.abs(line.scaled_direction).max())
     beyond = [share / size for share in _BEYOND] if high >= possible else [0.0]
     for more in beyond:
-        problem, torques = line.at(high + more)
+        problem, torques = line.at_load(high + more)
         resolution = undisturbed.acceleration_resolution
         # The acceleration limit of the undisturbed load holds for all loads.
         resolution *= undisturbed.problem.scales.force / problem.scales.force
@@ -329,7 +329,7 @@ def robustness(
     limits = checked_limits(problem, precision, node_limit, time_limit)
     verdict = stability(problem, torques, time_limit=limits.seconds_left)
     if verdict.status is not Stability.STRONG:
-        return Robustness(verdict, complete=not limits.passed)
+        return Robustness(verdict, complete=not limits.is_time_over)
     count = problem.joint_count
 
     def bracket(change: FloatArray, most: float) -> LoadBracket:
@@ -352,7 +352,7 @@ def robustness(
         for contact in range(len(problem.normals))
     )
     return Robustness(
-        verdict, less, more, together[0], together[1], without, complete=not limits.passed
+        verdict, less, more, together[0], together[1], without, complete=not limits.is_time_over
     )
 
 
@@ -381,7 +381,7 @@ def _verdict_without(
     # A hybrid finger that touches nothing commands nothing.
     idle = np.flatnonzero(hybrid_contacts(problem) == contact)
     changed, tau = with_joints_held(fewer, verdict.torques, idle), verdict.torques
-    if limits.passed:
+    if limits.is_time_over:
         return undecided_verdict(
             changed, tau, "undecided: the time was over before it was looked at"
         )

@@ -81,7 +81,7 @@ class SearchState:
     @property
     def unproven(self) -> bool:
         """Whether a program without a checked answer may have a better value than the best."""
-        return self.unproven_bound < np.inf and not self.closed(self.unproven_bound)
+        return self.unproven_bound < np.inf and not self.is_closed(self.unproven_bound)
 
     @property
     def mode(self) -> SlidingMode | None:
@@ -142,7 +142,7 @@ class SearchState:
                 if exact.outcome is not Outcome.SOLVED:
                     return False
             else:
-                exact = answer.moved(x, self.formulation.program.value(x), residual)
+                exact = answer.at_point(x, self.formulation.program.value(x), residual)
         if exact.value < self.best_value:
             self.keep(exact, found)
         return exact.value <= answer.value + optimality_tolerance(exact.value)
@@ -157,11 +157,11 @@ class SearchState:
         """Raise the proven bound over all modes, never above the best value."""
         self.bound = max(self.bound, min(bound, self.best_value))
 
-    def closed(self, bound: float) -> bool:
+    def is_closed(self, bound: float) -> bool:
         """Whether nothing at or above this bound can beat the best answer."""
         return self.best_value <= bound + optimality_tolerance(self.best_value)
 
-    def ended(self, *, interrupted: bool = False) -> Status:
+    def final_status(self, *, interrupted: bool = False) -> Status:
         """Return the status of a search that has ended, by a limit or completed."""
         if not interrupted and not self.unproven:
             return Status.INFEASIBLE_MODES if self.best is None else Status.OPTIMAL
@@ -169,10 +169,10 @@ class SearchState:
             return Status.LIMIT_REACHED
         return Status.NOT_FOUND_IN_LIMIT if interrupted else Status.UNVERIFIED
 
-    def undecided(self) -> Status:
+    def undecided_status(self) -> Status:
         """Return the status of a search in which no solver decided on a virtual motion."""
         self.unproven_bound = -np.inf
-        return self.ended()
+        return self.final_status()
 
 
 def unsolved_status(answer: Answer, infeasible: Status) -> Status:
@@ -227,9 +227,9 @@ def best_first(
     for before, node in search:
         state.raise_bound(min(before, fathomed_bound))
         if closed(before):
-            return state.ended(), (*cover, node, *search.open_nodes())
-        if state.limits.end(state.nodes):
-            return state.ended(interrupted=True), ()
+            return state.final_status(), (*cover, node, *search.open_nodes())
+        if state.limits.is_over(state.nodes):
+            return state.final_status(interrupted=True), ()
         outcome = expand(node, before)
         if isinstance(outcome, Fathomed):
             fathomed_bound = min(fathomed_bound, outcome.bound)
@@ -237,4 +237,4 @@ def best_first(
         else:
             search.add(outcome.children, outcome.bound)
     state.raise_bound(fathomed_bound)
-    return state.ended(), tuple(cover)
+    return state.final_status(), tuple(cover)

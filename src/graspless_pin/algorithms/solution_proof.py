@@ -77,7 +77,7 @@ class ModeProver:
         search, leaves = TreeSearch([root]), 0
         for _, part in search:
             try:
-                node, children = self._node(part)
+                node, children = self._proof_node(part)
             except UndecidedMotionError as error:
                 return ModeProof((), str(error))
             if isinstance(node, str):
@@ -89,7 +89,7 @@ class ModeProver:
             search.add(reversed(children))
         return ModeProof(tuple(nodes))
 
-    def _node(self, part: ModePart | None) -> tuple[ProofNode | str, list[ModePart]]:
+    def _proof_node(self, part: ModePart | None) -> tuple[ProofNode | str, list[ModePart]]:
         """Return the proof node of a part with its children, or the reason why there is none."""
         excluded = None if part is None else self.tree.exclusion(part)
         if excluded is not None:
@@ -134,15 +134,15 @@ class ModeProver:
             z: Multipliers of the rows.
             refuting: Whether the multipliers prove that the part has no forces of interest.
         """
-        program = self.formulation.program.bounded(*self.tree.bounds(part))
+        program = self.formulation.program.with_bounds(*self.tree.bounds(part))
         enough = self.target - _BOUND_TOLERANCE * max(1.0, abs(self.target))
         for kept in (_without_tiny_multipliers(z), z):
             refined = refined_multipliers(program, y, kept)
             if certain_bound(program, *refined) >= enough:
                 return BoundLeaf(*refined, objective=True)
-        return self._refuting(program, y, z) if refuting else None
+        return self._refuting_leaf(program, y, z) if refuting else None
 
-    def _refuting(self, program: Program, y: FloatArray, z: FloatArray) -> BoundLeaf | None:
+    def _refuting_leaf(self, program: Program, y: FloatArray, z: FloatArray) -> BoundLeaf | None:
         """Return the leaf of an infeasible program; None: the multipliers do not prove it."""
         proven = program.infeasibility_bound(y, z)
         if proven <= 0.0:
@@ -193,7 +193,9 @@ def written_multipliers(solution: TorqueSolution) -> DualVariables:
     forces = formulation.coordinates.scaled(solution.contact_forces)
     friction = forces[formulation.cone_columns[0]]
     bounds = formulation.opposing(friction > 0.0, friction < 0.0)
-    return refined_multipliers(formulation.program.bounded(*bounds), *solution.scaled_multipliers)
+    return refined_multipliers(
+        formulation.program.with_bounds(*bounds), *solution.scaled_multipliers
+    )
 
 
 def _proof_of_found(solution: TorqueSolution) -> SolutionProof:
@@ -215,7 +217,7 @@ def _proof_of_found(solution: TorqueSolution) -> SolutionProof:
     if not tree.complete and has_modes:
         answer = prover.solve(own, np.inf)
         if answer.outcome is Outcome.SOLVED:
-            bounded = formulation.program.bounded(*prover.tree.bounds(own))
+            bounded = formulation.program.with_bounds(*prover.tree.bounds(own))
             in_mode = refined_multipliers(bounded, answer.y, answer.z)
     return SolutionProof(tree, solution.motion, in_mode=in_mode)
 
@@ -253,7 +255,7 @@ def motion_of(solution: TorqueSolution) -> FloatArray | None:
         return None
     kinematics = formulate(solution.problem, solution.objective).kinematics
     wanted, rule, seen = requirements_of(mode), solution.rules.sign, solution.evidence.motion
-    if seen is not None and kinematics.counts(
+    if seen is not None and kinematics.meets_requirements(
         kinematics.rows @ (seen / kinematics.scale), wanted, rule
     ):
         return seen

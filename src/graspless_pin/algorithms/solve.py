@@ -72,7 +72,7 @@ def solve_problem(
     checked_problem(problem)
     if not isinstance(objective, Objective):
         raise ArgumentError("objective", f"is {objective!r:.80}; it must be an Objective")
-    limits = Limits.of(options)
+    limits = Limits.from_options(options)
     if mode is not None:
         what = "the argument mode is about forces that may balance in it"
         options.need_weak(what, "ask `stability` of its torques")
@@ -175,7 +175,7 @@ def _search_in_mode(
     try:
         verdict = kinematics.solve(requirements, state.rules.sign)
     except UndecidedMotionError:
-        return state.undecided()
+        return state.undecided_status()
     if isinstance(verdict, Conflict):
         return Status.INFEASIBLE_MODE
     state.found = FoundMode(mode, kinematics.scaled_motion(verdict.coordinates))

@@ -73,12 +73,12 @@ def solve_from(
     """
     if options.rules.by_direction:
         return solve_problem(problem, objective, options, rest=rest), start
-    limits = Limits.of(options)
+    limits = Limits.from_options(options)
     state = _WarmState(formulate(problem, objective), options, limits, start=start)
     try:
         status = _search_from_start(state)
     except UndecidedMotionError:
-        status = state.undecided()
+        status = state.undecided_status()
     best = solution_of(status, state, optima=threshold_optima(state, search_modes))
     return as_stable(best, options, limits, rest), state.next_start()
 
@@ -119,7 +119,9 @@ def reaches_margin(
         return (None if is_open else False), start
     full = formulate(problem, Margin())
     goal = required / full.coordinates.force_scale
-    state = _WarmState(replace(full, cutoff=-goal), options, Limits.of(options), start=start)
+    state = _WarmState(
+        replace(full, cutoff=-goal), options, Limits.from_options(options), start=start
+    )
     try:
         return _decide_margin(state, full, goal)
     except UndecidedMotionError:
@@ -182,7 +184,7 @@ class _WarmState(SearchState):
             active: Active set at the optimum of a similar program; None: none is known.
         """
         cutoff = min(self.best_value, self.formulation.cutoff)
-        program = self.formulation.program.bounded(lb, ub, cutoff)
+        program = self.formulation.program.with_bounds(lb, ub, cutoff)
         solved = None if active is None else optimum_on_active_set(program, active, cutoff)
         if solved is not None:
             self.force_programs += 1
@@ -210,9 +212,9 @@ def _search_from_start(state: _WarmState) -> Status:
     if state.start.mode is not None and relaxation.outcome is Outcome.SOLVED:
         for attempt in (_keep_relaxation_if_admitted, _keep_optimum_of_start_mode):
             attempt(state)
-            if state.closed(relaxation.bound):
+            if state.is_closed(relaxation.bound):
                 state.modes_examined = 1
-                return state.ended()
+                return state.final_status()
     return search_modes(state)
 
 
@@ -263,13 +265,13 @@ class ContactStarts:
     """Warm starts for the same contacts, tried in the order of their success.
 
     Attributes:
-        for_loops: The starts in compiled form, the one that served last first.
+        compiled_starts: The starts in compiled form, the one that served last first.
         misses: Number of successive states that the loops did not find, or were not tried on since.
     """
 
     def __init__(self) -> None:
         """Begin with nothing learned."""
-        self.for_loops: list[Any] = []
+        self.compiled_starts: list[Any] = []
         self.misses = 0
         self._starts: tuple[WarmStart, ...] = ()
         self._learned: WarmStart | None = None
@@ -339,20 +341,20 @@ class ContactStarts:
         self._learned = learned
         self._starts = (learned, *others[: MOST_STARTS - 1])
 
-    def new_for_loops(self) -> WarmStart | None:
+    def new_start(self) -> WarmStart | None:
         """Return the warm start learned since the last call; None: none."""
         new = None if self._learned is self._last else self._learned
         self._last = self._learned
         return new
 
-    def is_due(self) -> bool:
+    def is_worth_trying(self) -> bool:
         """Return whether to try the loops; for contacts that they often miss, only now and then."""
         if self.misses < _MOST_MISSES or self.misses % _MOST_MISSES == 0:
             return True
         self.misses += 1
         return False
 
-    def count(self, found: int) -> None:
+    def record_found(self, found: int) -> None:
         """Record how many states the loops found before the first miss."""
         self.misses = 0 if found else self.misses + 1
 

@@ -109,7 +109,7 @@ def what_would_hold(
     limits = checked_limits(problem, 0.1, node_limit, time_limit)
     tau = finite_array("torques", torques, (problem.joint_count,))
     return HoldingChanges(
-        tuple(filter(None, _tried_changes(problem, tau, limits))), complete=not limits.passed
+        tuple(filter(None, _tried_changes(problem, tau, limits))), complete=not limits.is_time_over
     )
 
 
@@ -153,7 +153,7 @@ def _tried_changes(
 
 def _other_torques(problem: QuasistaticProblem, limits: Limits) -> HoldingChange | None:
     """Try the torques of the largest margin of which rest is the only outcome."""
-    if limits.passed:
+    if limits.is_time_over:
         return None
     nodes = NODE_LIMIT if limits.node_limit is None else limits.node_limit
     solution = maximize_margin(
@@ -167,7 +167,7 @@ def _other_torques(problem: QuasistaticProblem, limits: Limits) -> HoldingChange
 
 def _preload(problem: QuasistaticProblem, tau: FloatArray, limits: Limits) -> HoldingChange | None:
     """Try torques on top that squeeze the object without load."""
-    if limits.passed:
+    if limits.is_time_over:
         return None
     unloaded = problem.with_changes(
         external_wrench=np.zeros(problem.passive_count),
@@ -205,7 +205,7 @@ def _verified_change(changed: _Changed, words: str, limits: Limits) -> HoldingCh
     """Return a change if a verdict proves rest with it; None: not proven, or beyond limits."""
     problem, torques = changed
     beyond = (torques < problem.lower_torque) | (torques > problem.upper_torque)
-    if limits.passed or beyond.any():
+    if limits.is_time_over or beyond.any():
         return None
     nodes = NODE_LIMIT if limits.node_limit is None else limits.node_limit
     verdict = stability(problem, torques, node_limit=nodes, time_limit=limits.seconds_left)

@@ -198,8 +198,8 @@ def _audit_meshes(robot: RobotDescription, model: RobotModel) -> Iterator[Findin
                 link_shape.shape for link_shape in shapes if isinstance(link_shape.shape, LinkMesh)
             ):
                 yield from _audit_mesh(robot, model.label, link.name, use, mesh)
-                if "://" not in mesh.written and not Path(mesh.written).is_absolute():
-                    relative_paths.append(mesh.written)
+                if "://" not in mesh.stated_name and not Path(mesh.stated_name).is_absolute():
+                    relative_paths.append(mesh.stated_name)
                 if use == "collision" and mesh.file and mesh.file.suffix.lower() == ".dae":
                     with suppress(MeshError):  # found already
                         frame = dae_frame(mesh.file, read_bytes(mesh.file, MESH))
@@ -233,7 +233,7 @@ def _audit_mesh(
         yield Finding(
             FindingCode.MISSING_MESH if use == "collision" else FindingCode.MISSING_VISUAL,
             where,
-            f"{mesh.written!r} is missing (looked for {search_places_text(mesh)}); {effect}",
+            f"{mesh.stated_name!r} is missing (looked for {search_places_text(mesh)}); {effect}",
             missing_mesh_advice(mesh),
         )
         return
@@ -469,7 +469,7 @@ def _audit_joints(robot: RobotDescription, joined: JoinedMounts) -> Iterator[Fin
                 "give the motor's real limit in effort_limits (N m, or N if prismatic)",
             )
     rest, movable = joint_positions(tree, {}), set(tree.leader_names) - tree.locked
-    lowest, highest = tree.tolerated
+    lowest, highest = tree.tolerated_limits
     for name in sorted(tree.locked):
         where = tree.lower[tree.joint_index[name]]
         yield Finding(

@@ -75,13 +75,13 @@ class States:
     patches: tuple[PatchSlip, ...] = ()
 
     @classmethod
-    def unknown(cls, count: int) -> States:
+    def all_free(cls, count: int) -> States:
         """Return the set of all outcomes: every contact's state is undecided."""
         none, zeros = np.zeros(count, dtype=bool), np.zeros(count)
         free = (ContactState.FREE,) * count
         return cls(free, zeros, np.full(count, np.pi), none, none, zeros, zeros)
 
-    def changed(
+    def with_state(
         self,
         contact: int,
         state: ContactState,
@@ -120,13 +120,13 @@ class States:
         contacts, sticks, slips = [*patch.contacts], self.sticks.copy(), self.slips.copy()
         centers, widths = self.center.copy(), self.half_width.copy()
         # A contact that was split by itself has a narrower arc already.
-        free = ~self.are(ContactState.STICKING, ContactState.SLIPPING)[contacts]
+        free = ~self.is_in(ContactState.STICKING, ContactState.SLIPPING)[contacts]
         centers[contacts] = np.where(free, patch.arcs[:, 0], centers[contacts])
         widths[contacts] = np.where(free, patch.arcs[:, 1], widths[contacts])
         if patch.cone is None:
             # The first contacts determine the planar motion: if they stick, all do.
             sticks[contacts[patch.determining_count :]] = True
-            own = self.are(ContactState.STICKING)[contacts]
+            own = self.is_in(ContactState.STICKING)[contacts]
             slips[contacts] = np.where(own, slips[contacts], np.maximum(slips[contacts], most))
         patches = (*(own for own in self.patches if own.contacts != patch.contacts), patch)
         return replace(
@@ -140,7 +140,7 @@ class States:
     @cached_property
     def does_not_slip(self) -> NDArray[np.bool_]:
         """(M,) contacts that do not slip, including open contacts of sticking patches."""
-        return self.are(ContactState.STICKING) | (self.half_width < 0.0)
+        return self.is_in(ContactState.STICKING) | (self.half_width < 0.0)
 
     @cached_property
     def arcs(self) -> tuple[FloatArray, FloatArray]:
@@ -150,10 +150,10 @@ class States:
     @cached_property
     def undecided(self) -> NDArray[np.bool_]:
         """(M,) contacts that may open, or slip in any direction and stick."""
-        free, closed = self.are(ContactState.FREE), self.are(ContactState.CLOSED)
+        free, closed = self.is_in(ContactState.FREE), self.is_in(ContactState.CLOSED)
         return free | (closed & (self.half_width >= np.pi))
 
-    def are(self, *kinds: ContactState) -> NDArray[np.bool_]:
+    def is_in(self, *kinds: ContactState) -> NDArray[np.bool_]:
         """Return which contacts are in one of these states."""
         return _state_mask(kinds)[self.numbers]
 
@@ -190,7 +190,7 @@ def repaired_multipliers(
     After it no contact's force raises the bound: as forces are unbounded, multipliers with a gain
     of 1e-9 per newton would prove nothing.
     """
-    unbounded = ~states.are(ContactState.OPEN) & ~dynamics.is_commanded
+    unbounded = ~states.is_in(ContactState.OPEN) & ~dynamics.is_commanded
     motion = dual.motion
     for _ in range(_REPAIRS):
         c = goal[1] + dynamics.rows @ motion
@@ -249,7 +249,7 @@ def _fixed_contacts(
     dynamics: Dynamics, states: States
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Return masks (M,) of contacts that stay closed and that stick, by their own states alone."""
-    closed = states.are(ContactState.CLOSED, ContactState.STICKING, ContactState.SLIPPING)
+    closed = states.is_in(ContactState.CLOSED, ContactState.STICKING, ContactState.SLIPPING)
     return closed & ~dynamics.is_commanded & ~states.closes, states.does_not_slip & ~states.sticks
 
 
@@ -264,7 +264,7 @@ def closing_tolerance(dynamics: Dynamics) -> float:
 
 def allowed_normals(dynamics: Dynamics, states: States, normal: FloatArray) -> FloatArray:
     """Return nu (M,) restricted to valid values: not negative where a contact may part."""
-    may_part = states.are(ContactState.FREE, ContactState.OPEN)
+    may_part = states.is_in(ContactState.FREE, ContactState.OPEN)
     allowed = np.where(may_part, np.maximum(normal, 0.0), normal)
     return np.where(dynamics.is_commanded, 0.0, allowed)
 
@@ -311,7 +311,7 @@ def outcome_bound(
     """
     p, q = goal
     mu, commanded = dynamics.friction, dynamics.is_commanded
-    opened, sticking = states.are(ContactState.OPEN), states.does_not_slip
+    opened, sticking = states.is_in(ContactState.OPEN), states.does_not_slip
     normal, rows = allowed_normals(dynamics, states, dual.normal), dynamics.rows
     # Contact forces.
     per_newton = newton_gains(dynamics, states, q + rows @ dual.motion)
@@ -321,15 +321,15 @@ def outcome_bound(
     bound = float(dual.motion @ dynamics.load) + float(forces)
     bound += closing_slack(states, normal, dual.tangential, closing_tolerance(dynamics))
     # The worst load of the spread.
-    rise = float(dual.motion @ dynamics.spread + per_newton @ dynamics.commanded_spread)
+    rise = float(dual.motion @ dynamics.load_change + per_newton @ dynamics.commanded_change)
     bound += max(rise, 0.0)
     # Slips against kappa are bounded by friction's power, or by the longest possible slip.
     v = p - dual.motion + normal @ rows[:, 0] + np.einsum("li,lin->n", dual.tangential, rows[:, 1:])
     wrong = np.where(sticking, 0.0, np.maximum(-least_products(dual.tangential, *states.arcs), 0.0))
-    power = mu * np.where(opened, 0.0, low + np.minimum(dynamics.commanded_spread, 0.0))
+    power = mu * np.where(opened, 0.0, low + np.minimum(dynamics.commanded_change, 0.0))
     longest = wrong * np.linalg.norm(rows[:, 1:], axis=(1, 2))
-    bound += float((v + dual.motion) @ dynamics.aside)
-    leak = force_limit * float(leak_powers(dynamics, dynamics.aside)[~opened].sum())
+    bound += float((v + dual.motion) @ dynamics.free_motion)
+    leak = force_limit * float(leak_powers(dynamics, dynamics.free_motion)[~opened].sum())
     return bound + _least_over_beta(wrong, power, longest, v, dynamics.load, leak)
 
 
@@ -374,8 +374,8 @@ class OutcomeBounds:
         if core is not None:
             self._compiled = core.Bounds(
                 dynamics.rows, dynamics.load, dynamics.friction, dynamics.commanded,
-                dynamics.spread, dynamics.commanded_spread, loads, closing_tolerance(dynamics),
-                force_limit, dynamics.aside, leak_powers(dynamics, dynamics.aside),
+                dynamics.load_change, dynamics.commanded_change, loads, closing_tolerance(dynamics),
+                force_limit, dynamics.free_motion, leak_powers(dynamics, dynamics.free_motion),
             )  # fmt: skip
 
     def bound(self, states: States, dual: DualBound, goal: tuple[FloatArray, FloatArray]) -> float:
@@ -406,7 +406,7 @@ class OutcomeBounds:
             bounds.remember(dual)
         return bounds
 
-    def proving(self, states: States, goal: FloatArray, enough: float) -> DualBound | None:
+    def remembered_proof(self, states: States, goal: FloatArray, enough: float) -> DualBound | None:
         """Return remembered multipliers with which p.y is at most ``enough``; None: there are none.
 
         Args:

@@ -60,13 +60,13 @@ def forced_state(dynamics: Dynamics, states: States) -> ForcedContact | None:
     """
     tolerance, rows = closing_tolerance(dynamics), dynamics.rows
     commanded, moving = dynamics.is_commanded, (ContactState.OPEN, ContactState.SLIPPING)
-    enough = np.where(states.are(*moving), tolerance, _LOOSEST)
+    enough = np.where(states.is_in(*moving), tolerance, _LOOSEST)
     fixed = fixed_rows(dynamics, states)
     try:
         still = null_space(fixed, rcond=RANK) if len(fixed) else np.eye(rows.shape[2])
     except np.linalg.LinAlgError:
         return None
-    parting = np.flatnonzero(~commanded & states.are(ContactState.FREE, ContactState.OPEN))
+    parting = np.flatnonzero(~commanded & states.is_in(ContactState.FREE, ContactState.OPEN))
     normals = rows[parting, 0] @ still
     for index, contact in enumerate(parting):
         others = np.delete(np.arange(len(parting)), index)
@@ -86,7 +86,7 @@ def forced_state(dynamics: Dynamics, states: States) -> ForcedContact | None:
                 return ForcedContact(
                     int(contact), ContactState.CLOSED, (dual,), not shares.any(), most
                 )
-    slipping = states.are(ContactState.CLOSED, ContactState.SLIPPING) & ~states.does_not_slip
+    slipping = states.is_in(ContactState.CLOSED, ContactState.SLIPPING) & ~states.does_not_slip
     for contact in np.flatnonzero(slipping):
         if np.linalg.norm(rows[contact, 1:] @ still) <= tolerance:
             none = np.zeros(len(rows))
@@ -186,7 +186,9 @@ class UnprovenSet:
         if most <= tolerances[self.contact]:
             return False
         again = self.relaxation is None
-        self.states = self.states.changed(self.contact, self.state, most=enough if again else most)
+        self.states = self.states.with_state(
+            self.contact, self.state, most=enough if again else most
+        )
         if again:
             self.relaxation, self.children, self.dual, self.loads = relaxation, [], None, ()
         return again
@@ -236,7 +238,7 @@ def branch(
         relaxation: Its relaxation.
         is_over: Returns for a number of nodes whether the search has to end.
     """
-    root = UnprovenSet(-1, States.unknown(dynamics.contact_count), relaxation)
+    root = UnprovenSet(-1, States.all_free(dynamics.contact_count), relaxation)
     nothing = np.zeros((dynamics.contact_count, 3))
     tolerance = PATCH_TOLERANCE * closing_tolerance(dynamics)
     patches = find_patches(dynamics.rows, dynamics.friction, tolerance)
@@ -250,14 +252,14 @@ def branch(
             search.add(again)
             if is_covered:
                 continue
-        relaxation = node.pop_relaxation().without_free_joints(node.states.are(ContactState.OPEN))
-        goal, aside = (relaxation.dynamics.load, nothing), relaxation.dynamics.aside
+        relaxation = node.pop_relaxation().without_free_joints(node.states.is_in(ContactState.OPEN))
+        goal, aside = (relaxation.dynamics.load, nothing), relaxation.dynamics.free_motion
         threshold = relaxation.proof_threshold(node.states)
-        node.dual = relaxation.bounds.proving(node.states, goal[0], threshold)
+        node.dual = relaxation.bounds.remembered_proof(node.states, goal[0], threshold)
         if node.dual is not None:
             continue
         nodes += 1
-        if nodes % _LOADS_ANEW == 0 and not dynamics.spread.any():
+        if nodes % _LOADS_ANEW == 0 and not dynamics.load_change.any():
             node.loads = tuple(relaxation.larger_loads(node.states))
             if node.loads:
                 relaxation = relaxation.with_loads(node.loads)
@@ -296,7 +298,7 @@ def _add_forced_states(
     while (forced := forced_state(dynamics, node.states)) is not None:
         contact, state = forced.contact, forced.state
         before = node.states.state[contact]
-        states = node.states.changed(contact, state, depends=forced.depends, most=forced.most)
+        states = node.states.with_state(contact, state, depends=forced.depends, most=forced.most)
         child = UnprovenSet(
             contact, states, node.pop_relaxation(), forced.duals, siblings=node.siblings
         )
@@ -348,7 +350,7 @@ def _nearby_outcome(
     if relaxed.load_left < 0.5 or dynamics.point_acceleration(y) <= dynamics.limit:
         return None
     power = float(dynamics.load @ y)
-    gaps = coulomb_gaps(dynamics, relaxed.forces, dynamics.slips(y))
+    gaps = coulomb_gaps(dynamics, relaxed.forces, dynamics.contact_motion(y))
     if float(gaps.sum()) > NEAR_OUTCOME * power:
         return None
     return polish(dynamics, relaxed.forces)
@@ -379,12 +381,12 @@ def split_contact(
         The contact, and states that together cover the set; empty where no contact can be split.
     """
     never_opens = dynamics.is_commanded | (loads > 0.0)
-    may_open = states.are(ContactState.FREE) & ~never_opens
-    whole = ~states.are(ContactState.OPEN, ContactState.STICKING)
-    whole &= ~(states.are(ContactState.SLIPPING) & (states.half_width <= _NARROWEST))
+    may_open = states.is_in(ContactState.FREE) & ~never_opens
+    whole = ~states.is_in(ContactState.OPEN, ContactState.STICKING)
+    whole &= ~(states.is_in(ContactState.SLIPPING) & (states.half_width <= _NARROWEST))
     # Without friction the slip direction of a closed contact does not matter.
-    whole &= (dynamics.friction > 0.0) | (states.are(ContactState.FREE) & ~dynamics.is_commanded)
-    u = dynamics.slips(y)
+    whole &= (dynamics.friction > 0.0) | (states.is_in(ContactState.FREE) & ~dynamics.is_commanded)
+    u = dynamics.contact_motion(y)
     gaps, slips = coulomb_gaps(dynamics, forces, u), np.hypot(u[:, 1], u[:, 2])
     gaps = gaps + 1e-9 * slips + _LEAST_GAP
     for patch in patches:
@@ -407,7 +409,7 @@ def _is_lone(states: States, patch: Patch) -> NDArray[np.bool_]:
     slip = states.patch_slip(patch)
     if slip is None or slip.cone is None or slip.width > _NARROW:
         return np.zeros(len(states.state), dtype=bool)
-    return (states.half_width >= np.pi) | states.are(ContactState.STICKING, ContactState.SLIPPING)
+    return (states.half_width >= np.pi) | states.is_in(ContactState.STICKING, ContactState.SLIPPING)
 
 
 def _contact_weights(dynamics: Dynamics) -> FloatArray:
@@ -426,7 +428,7 @@ def _widest_patch(
     widest: tuple[Patch | None, float] = None, 0.0
     if not patches:
         return widest
-    u, weights = dynamics.slips(y), _contact_weights(dynamics)
+    u, weights = dynamics.contact_motion(y), _contact_weights(dynamics)
     u[:, 0] = 0.0
     gaps = coulomb_gaps(dynamics, forces, u) + 1e-9 * np.hypot(u[:, 1], u[:, 2])
     gaps += _LEAST_GAP
@@ -451,13 +453,13 @@ def _child_states(
     """
     state, slipping = states.state[contact], ContactState.SLIPPING
     if state is ContactState.FREE and may_open:
-        opened = states.changed(contact, ContactState.OPEN)
-        return [opened, states.changed(contact, ContactState.CLOSED, most=most)]
+        opened = states.with_state(contact, ContactState.OPEN)
+        return [opened, states.with_state(contact, ContactState.CLOSED, most=most)]
     if state is slipping:
         half, middle = 0.5 * float(states.half_width[contact]), float(states.center[contact])
         sectors, first = [(middle - half, half), (middle + half, half)], []
     else:
         middle = float(np.arctan2(slip[1], slip[0]))
         sectors = [(middle + k * 2.0 * _QUADRANT, _QUADRANT) for k in range(4)]
-        first = [states.changed(contact, ContactState.STICKING, most=most)]
-    return first + [states.changed(contact, slipping, *sector) for sector in sectors]
+        first = [states.with_state(contact, ContactState.STICKING, most=most)]
+    return first + [states.with_state(contact, slipping, *sector) for sector in sectors]

@@ -158,7 +158,7 @@ def is_certificate(
         residual = np.einsum("lik,li->k", jacobian, forces / scale) + load
         return max(np.abs(residual).max(), excess.max() / scale, pulling.max() / scale) <= _EXACT
     unit, rows = dynamics.force_unit, dynamics.rows
-    y = np.linalg.norm(dynamics.motion(forces / unit))
+    y = np.linalg.norm(dynamics.scaled_acceleration(forces / unit))
     y += excess / unit @ np.linalg.norm(rows[:, 1:], ord=2, axis=(1, 2))
     y += pulling / unit @ np.linalg.norm(rows[:, 0], axis=1)
     return bool(y <= dynamics.resolution)
@@ -208,7 +208,7 @@ def proven_loads(
         least: (M,) smallest normal forces of all outcomes known before, scaled.
         force_limit: Proofs hold for normal forces up to this, scaled.
     """
-    states = States.unknown(dynamics.contact_count)
+    states = States.all_free(dynamics.contact_count)
     relaxation, proofs = Relaxation(dynamics, least, force_limit), list[LoadProof]()
     for _ in range(_ROUNDS):
         larger = relaxation.larger_loads(states)
@@ -285,11 +285,11 @@ class LoadLine:
         self._hybrid = hybrid_contacts(problem)
 
     @property
-    def in_loads(self) -> FloatArray:
+    def scaled_direction(self) -> FloatArray:
         """(P + L,) the direction in units of the load."""
         return self.direction / balance_units(self.problem)
 
-    def at(self, multiple: float) -> tuple[QuasistaticProblem, FloatArray]:
+    def at_load(self, multiple: float) -> tuple[QuasistaticProblem, FloatArray]:
         """Return the problem and the torques at a multiple of the direction."""
         passive = self.problem.passive_count
         wrench = self.problem.external_wrench + multiple * self.direction[:passive]
@@ -303,7 +303,7 @@ class LoadLine:
         Newton's method from above.
         """
         jacobian, load = scaled_balance(self.problem, self.torques)
-        step, friction = self.in_loads, self.problem.friction
+        step, friction = self.scaled_direction, self.problem.friction
         multiple, proof = most, None
         for _ in range(_MOST_STEPS):
             least = least_residual(jacobian, load + multiple * step, friction, np.inf)
@@ -322,12 +322,12 @@ class LoadLine:
             proof, multiple = read_only(z), nearer
         return LastRest(0.0, None, None)
 
-    def moves(self, multiple: float) -> bool:
+    def has_motion(self, multiple: float) -> bool:
         """Return whether a quick search finds a motion at this load."""
         dynamics = self._dynamics(multiple)
         return dynamics is not None and find_motion(dynamics) is not None
 
-    def proof(
+    def prove_span(
         self, first: float, last: float, is_over: Callable[[int], bool]
     ) -> SpanProof | Unproven:
         """Prove that rest is the only outcome of all loads of a span.
@@ -338,7 +338,7 @@ class LoadLine:
             is_over: Returns for a number of sets of outcomes whether each of two trees has to end.
         """
         ends = first, last
-        if min(commanded_forces(*self.at(end)).min(initial=0.0) for end in ends) < 0.0:
+        if min(commanded_forces(*self.at_load(end)).min(initial=0.0) for end in ends) < 0.0:
             return Unproven.OPEN
         resting = [self._rest_forces(end) for end in ends]
         if resting[0] is None or resting[1] is None:
@@ -369,7 +369,7 @@ class LoadLine:
 
     def _rest_forces(self, multiple: float) -> FloatArray | None:
         """Return (M, 3) forces of rest, N, world axes; None: there are none."""
-        problem, torques = self.at(multiple)
+        problem, torques = self.at_load(multiple)
         rest = balance(problem, torques)
         if rest is None or not rest.is_rest:
             return None
@@ -396,7 +396,7 @@ class LoadLine:
         """Return the scaled dynamics; None without inertias, or if there is no load at all."""
         if self._inertia is None:
             return None
-        return scaled_dynamics(*self.at(multiple), self._inertia, self._hybrid, self._limit)
+        return scaled_dynamics(*self.at_load(multiple), self._inertia, self._hybrid, self._limit)
 
     def _end_certificates(
         self, ends: tuple[float, float], loads: tuple[tuple[LoadProof, ...], ...]
@@ -404,7 +404,7 @@ class LoadLine:
         """Return certificates of both ends, by normal forces that outcomes of all loads have."""
         least, proofs = self._common_proven_forces(loads), list[RestProof]()
         for end, own in zip(ends, loads, strict=True):
-            problem, torques = self.at(end)
+            problem, torques = self.at_load(end)
             normal_forces = np.maximum(commanded_forces(problem, torques), least)
             _, proof = balance_and_certificate(
                 problem, torques, normal_forces, own, self._dynamics(end)

@@ -88,19 +88,19 @@ class OutcomePrograms:
         lb, ub = np.full(self._size, -np.inf), np.full(self._size, np.inf)
         low, high = lb[:-1].reshape(count, 3), ub[:-1].reshape(count, 3)
         low[:, 0], high[:, 0] = 0.0, np.where(commanded, np.inf, _BOX)
-        opened = states.are(ContactState.OPEN)
+        opened = states.is_in(ContactState.OPEN)
         low[opened], high[opened] = 0.0, 0.0
         lb[-1], ub[-1] = 0.0, 1.0
         self._simplex.set_bounds(lb, ub)
         self._bounds = lb, ub
-        may_part = states.are(ContactState.FREE, ContactState.OPEN) | commanded
-        sticking = np.repeat(states.are(ContactState.STICKING), 2)
+        may_part = states.is_in(ContactState.FREE, ContactState.OPEN) | commanded
+        sticking = np.repeat(states.is_in(ContactState.STICKING), 2)
         self._simplex.set_sides(
             np.arange(3 * count, dtype=np.int32),
             np.concatenate([np.where(commanded, -np.inf, 0.0), np.where(sticking, 0.0, -np.inf)]),
             np.concatenate([np.where(may_part, np.inf, 0.0), np.where(sticking, 0.0, np.inf)]),
         )
-        for contact in np.flatnonzero(states.are(ContactState.SLIPPING)):
+        for contact in np.flatnonzero(states.is_in(ContactState.SLIPPING)):
             self._add_arc(int(contact), states.center[contact], states.half_width[contact])
 
     def require_whole_load(self) -> None:
@@ -168,10 +168,10 @@ class OutcomePrograms:
         It does so only where no contact is left to be split: before, splitting is more effective.
         """
         smooth = self._dynamics.friction == 0.0
-        if (states.are(ContactState.FREE, ContactState.CLOSED) & ~smooth).any():
+        if (states.is_in(ContactState.FREE, ContactState.CLOSED) & ~smooth).any():
             return False
         forces = answer.x[:-1].reshape(-1, 3)
-        sticking = states.are(ContactState.STICKING) & ~smooth
+        sticking = states.is_in(ContactState.STICKING) & ~smooth
         outside, planes = cone_tangents(forces, self._dynamics.friction, sticking)
         self._add_planes(outside, planes)
         self._edges += [(0, np.zeros(2))] * len(outside)
@@ -184,10 +184,10 @@ def point_goals(dynamics: Dynamics) -> FloatArray:
     The first one is zero: a negative bound on it proves that there is no outcome.
     The others are both signs of the accelerations of the reference point and of the angular ones
     times the longest lever, each in units of limit / (2 sqrt(3)); with other passive coordinates
-    the units are limit / `Dynamics.shares`.
+    the units are limit / `Dynamics.limit_divisor`.
     """
     positive = dynamics.levers[:, None] * dynamics.acceleration[: len(dynamics.levers)]
-    positive *= dynamics.shares / dynamics.limit
+    positive *= dynamics.limit_divisor / dynamics.limit
     return np.vstack([np.zeros(positive.shape[1]), positive, -positive])
 
 
@@ -202,12 +202,12 @@ def goal_bound(dynamics: Dynamics, states: States, dual: DualBound, force_limit:
     """
     rows, pushes, commanded = dynamics.rows, dynamics.pushes, dynamics.is_commanded
     high = np.where(commanded, dynamics.commanded, force_limit)
-    high = np.where(states.are(ContactState.OPEN), 0.0, high)
+    high = np.where(states.is_in(ContactState.OPEN), 0.0, high)
     low = np.where(commanded, high, 0.0)
     gain = newton_gains(dynamics, states, pushes @ dual.motion)
     bound = float(dual.motion @ dynamics.load + (np.maximum(gain * low, gain * high)).sum())
     wrong = np.maximum(-least_products(dual.tangential, *states.arcs), 0.0)
-    wrong = np.where(states.are(ContactState.STICKING), 0.0, wrong)
+    wrong = np.where(states.is_in(ContactState.STICKING), 0.0, wrong)
     sizes = np.linalg.norm(pushes, axis=2).sum(axis=1) * (1.0 + dynamics.friction)
     reach = float(np.linalg.norm(dynamics.load)) + float(high @ sizes)
     return bound + reach * float(wrong @ np.linalg.norm(rows[:, 1:], axis=(1, 2)))
@@ -218,7 +218,7 @@ def completed_multipliers(
 ) -> DualBound:
     """Return multipliers restricted to valid values, with the lambda that follows from them."""
     normal = allowed_normals(dynamics, states, dual.normal)
-    is_split = states.are(ContactState.STICKING, ContactState.SLIPPING)
+    is_split = states.is_in(ContactState.STICKING, ContactState.SLIPPING)
     tangential = np.where(is_split[:, None], dual.tangential, 0.0)
     rows = dynamics.rows
     motion = goal + normal @ rows[:, 0] + np.einsum("li,lin->n", tangential, rows[:, 1:])
@@ -241,7 +241,7 @@ def search_other_motion(
     """
     programs, goals = OutcomePrograms(dynamics), point_goals(dynamics)
     count = dynamics.contact_count
-    root = UnprovenSet(-1, States.unknown(count), remaining=list(range(1, len(goals))))
+    root = UnprovenSet(-1, States.all_free(count), remaining=list(range(1, len(goals))))
     search, unproven, nodes = TreeSearch([root]), list[UnprovenSet](), 0
     for _, node in search:
         if is_over(nodes):
@@ -253,7 +253,7 @@ def search_other_motion(
             continue
         y, forces = point
         contact, parts = split_contact(dynamics, np.zeros(count), node.states, y, forces)
-        gaps = float(coulomb_gaps(dynamics, forces, dynamics.slips(y)).sum())
+        gaps = float(coulomb_gaps(dynamics, forces, dynamics.contact_motion(y)).sum())
         if not parts or gaps <= NEAR_OUTCOME * float(y @ y):
             motion = polish(dynamics, forces)
             if motion is not None:

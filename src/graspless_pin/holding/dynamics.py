@@ -37,7 +37,7 @@ class Dynamics:
         rows: (M, 3, n) A: along n, t1, t2 of each contact; n = P + joints that are no hybrid
             finger's. The normal row of a commanded contact is zero: its force is in the load.
         pushes: (M, 3, n) B: A, but along n - mu v/|v| and zeros where a contact slides.
-        load: (n,) h without the part in `aside`; zero where there is no load.
+        load: (n,) h without the part in `free_motion`; zero where there is no load.
         friction: (M,) coefficients; zero where a contact slides: its friction is in B.
         commanded: (M,) normal forces that hybrid fingers command, scaled; NaN elsewhere.
         acceleration: (P + L, n) from y to accelerations of object and joints.
@@ -46,13 +46,13 @@ class Dynamics:
             reference point of the object, m/s^2; see `observed_points`.
         levers: (P,) largest acceleration of these points per unit of each passive acceleration, m
             or 1.
-        shares: A number: if no passive acceleration times its lever exceeds limit / shares, no
+        limit_divisor: If no passive acceleration times its lever exceeds limit / limit_divisor, no
             point accelerates above the limit.
         limit: Accelerations of those points up to this count as rest, m/s^2.
-        spread: (n,) loads are h + theta spread for any theta from 0 to 1; of these outcomes those
-            with |y|^2 + sum mu f_n |u_t| <= h.y are meant; zero: one load.
-        commanded_spread: (M,) change of commanded forces for theta = 1, scaled.
-        aside: (n,) motion of joints by themselves, not contained in y; see `without_free_joints`.
+        load_change: (n,) s, loads are h + theta s for any theta from 0 to 1; of these outcomes
+            those with |y|^2 + sum mu f_n |u_t| <= h.y are meant; zero: one load.
+        commanded_change: (M,) change of commanded forces for theta = 1, scaled.
+        free_motion: (n,) motion of joints by themselves, not in y; see `without_free_joints`.
     """
 
     rows: FloatArray
@@ -64,11 +64,11 @@ class Dynamics:
     force_unit: float
     points: FloatArray
     levers: FloatArray
-    shares: float
+    limit_divisor: float
     limit: float
-    spread: FloatArray
-    commanded_spread: FloatArray
-    aside: FloatArray
+    load_change: FloatArray
+    commanded_change: FloatArray
+    free_motion: FloatArray
 
     @property
     def contact_count(self) -> int:
@@ -89,7 +89,7 @@ class Dynamics:
         """Return the largest acceleration of a point, m/s^2."""
         return float(np.linalg.norm(self.points @ y, axis=1).max())
 
-    def slips(self, y: FloatArray) -> FloatArray:
+    def contact_motion(self, y: FloatArray) -> FloatArray:
         """Return u, (M, 3): accelerations along n, t1, t2."""
         return self.rows @ y
 
@@ -97,7 +97,7 @@ class Dynamics:
         """Return (M,) normal forces, scaled: of contact forces (M, 3), or commanded."""
         return np.where(self.is_commanded, np.nan_to_num(self.commanded), forces[:, 0])
 
-    def motion(self, forces: FloatArray) -> FloatArray:
+    def scaled_acceleration(self, forces: FloatArray) -> FloatArray:
         """Return y of scaled contact forces (M, 3)."""
         return np.einsum("lin,li->n", self.pushes, forces) + self.load
 
@@ -111,7 +111,7 @@ def observed_points(problem: QuasistaticProblem) -> tuple[FloatArray, FloatArray
     contact's three entries in their row, at least 1.
 
     Returns:
-        (M + k, 3, P) the map; (P,) the levers and their shares, see `Dynamics`.
+        (M + k, 3, P) the map; (P,) the levers; the `limit_divisor`; see `Dynamics`.
     """
     count, passive = problem.contact_count, problem.passive_count
     if problem.wrench_matrix is None:
@@ -255,8 +255,8 @@ def spread_towards(dynamics: Dynamics, other: Dynamics | None) -> Dynamics:
         ratio, last = other.force_unit / dynamics.force_unit, other
     return replace(
         dynamics,
-        spread=ratio * last.load - dynamics.load,
-        commanded_spread=np.nan_to_num(ratio * last.commanded - dynamics.commanded),
+        load_change=ratio * last.load - dynamics.load,
+        commanded_change=np.nan_to_num(ratio * last.commanded - dynamics.commanded),
     )
 
 
@@ -265,9 +265,9 @@ _DEPENDENT = 1e-13
 _LEAST_ASIDE = 1e-7
 """Scaled accelerations of joints by themselves up to this are not split off."""
 _TINY = 1e-12
-"""Relative to the largest entry of `Dynamics.aside`: smaller ones are rounding."""
+"""Relative to the largest entry of `Dynamics.free_motion`: smaller ones are rounding."""
 _LEAK = 0.1
-"""Share of the power that counts as rest: most power of contacts along `Dynamics.aside`."""
+"""Share of the power that counts as rest: most power of contacts along `Dynamics.free_motion`."""
 
 
 def without_free_joints(
@@ -284,9 +284,9 @@ def without_free_joints(
         opened: (M,) contacts that are open.
         force_limit: Normal forces are at most this, scaled.
     """
-    whole, passive = dynamics.load + dynamics.aside, len(dynamics.levers)
+    whole, passive = dynamics.load + dynamics.free_motion, len(dynamics.levers)
     aside = np.zeros_like(whole)
-    if len(whole) > passive and not dynamics.spread.any():
+    if len(whole) > passive and not dynamics.load_change.any():
         rows = np.vstack([dynamics.rows[~opened].reshape(-1, len(whole)),
                           dynamics.acceleration[:passive]])  # fmt: skip
         lengths = np.linalg.norm(rows, axis=1)
@@ -298,7 +298,7 @@ def without_free_joints(
         leak = force_limit * leak_powers(dynamics, part)[~opened].sum()
         if np.linalg.norm(part) > _LEAST_ASIDE and leak < _LEAK * dynamics.resolution**2:
             aside = part
-    return replace(dynamics, load=whole - aside, aside=aside)
+    return replace(dynamics, load=whole - aside, free_motion=aside)
 
 
 def leak_powers(dynamics: Dynamics, aside: FloatArray) -> FloatArray:

@@ -161,13 +161,13 @@ class Relaxation:
         self.bounds = OutcomeBounds(dynamics, loads, force_limit)
         count, n = dynamics.contact_count, len(dynamics.load)
         commanded = dynamics.is_commanded
-        least = dynamics.commanded + np.minimum(dynamics.commanded_spread, 0.0)
+        least = dynamics.commanded + np.minimum(dynamics.commanded_change, 0.0)
         self._power = dynamics.friction * np.where(commanded, least, loads)
         self._loaded = np.flatnonzero(self._power > 0.0)
         self._y_count, self._contact_count = n, count
         self._slip = n + 3 * count
         self._spread = self._slip + len(self._loaded)
-        self._size = self._spread + int(dynamics.spread.any()) + 1
+        self._size = self._spread + int(dynamics.load_change.any()) + 1
         self._directions = unit_directions(_DIRECTIONS)
         free = np.full(self._size, np.inf)
         self._simplex = Simplex(np.zeros(self._size), -free, free)
@@ -185,11 +185,11 @@ class Relaxation:
     def _add_shared_rows(self) -> None:
         n, count, own = self._y_count, self._contact_count, self.dynamics
         rows, h, contacts = own.rows, own.load, np.arange(self._contact_count)
-        dynamics = self._motion_rows(n, y=np.eye(n), spread=-own.spread, taken=h)
+        dynamics = self._motion_rows(n, y=np.eye(n), spread=-own.load_change, taken=h)
         dynamics[:, n : self._slip] = -rows.reshape(3 * count, n).T
         self._simplex.add_rows(dynamics, h, h)
         # Where load is taken away, so is the motion of joints by themselves that parts contacts.
-        moved = rows[:, 0] @ own.aside
+        moved = rows[:, 0] @ own.free_motion
         self._moved = np.where(np.abs(moved) > _SAME_MOTION, moved, 0.0)
         normal = self._motion_rows(count, y=rows[:, 0], taken=-self._moved)
         self._simplex.add_rows(normal, np.zeros(count), np.full(count, np.inf))
@@ -199,7 +199,7 @@ class Relaxation:
             bounds[:, self._slip + column] = 1.0
             self._simplex.add_rows(bounds, np.zeros(_DIRECTIONS), np.full(_DIRECTIONS, np.inf))
         # Where load is taken away, so are the smallest normal forces, and commanded ones.
-        least = self._motion_rows(count, spread=-own.commanded_spread, taken=self.loads)
+        least = self._motion_rows(count, spread=-own.commanded_change, taken=self.loads)
         least[contacts, n + 3 * contacts] = 1.0
         self._simplex.add_rows(least, self.loads, np.where(own.is_commanded, self.loads, np.inf))
         planes = [cone_planes(friction, self._directions) for friction in own.friction]
@@ -264,7 +264,7 @@ class Relaxation:
             states: Of the contacts.
         """
         proofs = list[LoadProof]()
-        candidates = ~self.dynamics.is_commanded & ~states.are(ContactState.OPEN)
+        candidates = ~self.dynamics.is_commanded & ~states.is_in(ContactState.OPEN)
         worth = _WORTH_MORE * self.loads + _LEAST
         self._set_states(states, elastic=False)
         for contact in np.flatnonzero(candidates).tolist():
@@ -318,13 +318,15 @@ class Relaxation:
         if key not in cache:
             cache[key] = without_free_joints(self.dynamics, opened, self.force_limit)
         dynamics = cache[key]
-        if np.abs(dynamics.aside - self.dynamics.aside).max() <= _SAME_MOTION:
+        if np.abs(dynamics.free_motion - self.dynamics.free_motion).max() <= _SAME_MOTION:
             return self
         return self._with_dynamics(dynamics, self.loads)
 
     def proof_threshold(self, states: States) -> float:
         """Return the power h.y up to which y counts as rest, less that of contacts along aside."""
-        still = leak_powers(self.dynamics, self.dynamics.aside)[~states.are(ContactState.OPEN)]
+        still = leak_powers(self.dynamics, self.dynamics.free_motion)[
+            ~states.is_in(ContactState.OPEN)
+        ]
         return self.dynamics.resolution**2 - self.force_limit * float(still.sum())
 
     def _with_dynamics(self, dynamics: Dynamics, loads: FloatArray) -> Relaxation:
@@ -355,17 +357,17 @@ class Relaxation:
         lb, ub = np.full(self._size, -np.inf), np.full(self._size, np.inf)
         radius = 0.5 * float(np.linalg.norm(h))
         lb[:n], ub[:n] = 0.5 * h - radius, 0.5 * h + radius
-        opened = states.are(ContactState.OPEN)
+        opened = states.is_in(ContactState.OPEN)
         low, high = lb[n : self._slip].reshape(count, 3), ub[n : self._slip].reshape(count, 3)
         low[:, 0] = 0.0
-        most = self.dynamics.commanded + np.maximum(self.dynamics.commanded_spread, 0.0)
+        most = self.dynamics.commanded + np.maximum(self.dynamics.commanded_change, 0.0)
         high[commanded, 0] = most[commanded]
         low[opened], high[opened] = 0.0, 0.0
         lb[self._slip :] = 0.0
         ub[self._spread : -1] = 1.0
         ub[-1] = 1.0 if elastic else 0.0
         self._simplex.set_bounds(lb, ub)
-        may_part = states.are(ContactState.FREE, ContactState.OPEN) | commanded
+        may_part = states.is_in(ContactState.FREE, ContactState.OPEN) | commanded
         self._simplex.set_sides(
             np.arange(n, n + count, dtype=np.int32),
             np.where(commanded | states.closes, -np.inf, -self._moved),

@@ -130,7 +130,7 @@ class LinearizedMotion:
         """Return N_q^T K N_q (d, d) of the joints' gains (c,)."""
         return self.joint_rates.T @ (gains[:, None] * self.joint_rates)
 
-    def fastest(self, stiffness: FloatArray) -> tuple[float, FloatArray]:
+    def fastest_growth(self, stiffness: FloatArray) -> tuple[float, FloatArray]:
         """Return the largest growth rate, 1/s, zero up to `GROWTH_LIMIT`, and its motion (P + L,).
 
         Args:
@@ -139,7 +139,7 @@ class LinearizedMotion:
         rate, shape, _ = self.fastest_mode(stiffness)
         return (rate if rate > GROWTH_LIMIT else 0.0), self.velocities @ shape
 
-    def neutral(self, stiffness: FloatArray) -> FloatArray:
+    def neutral_motions(self, stiffness: FloatArray) -> FloatArray:
         """Return (P + L, k) motions without stiffness under the controller, for K_geo (d, d)."""
         if not len(stiffness):
             return np.zeros((len(self.velocities), 0))

@@ -370,10 +370,10 @@ def _searched_verdict(
     if forces is None:
         begun = time.thread_time()
         if sliding_friction:
-            result = search_other_motion(dynamics, most, limits.end)
+            result = search_other_motion(dynamics, most, limits.is_over)
         else:
             least = with_proven_loads(commanded, loads) / unit
-            result = branch(dynamics, Relaxation(dynamics, least, most), limits.end)
+            result = branch(dynamics, Relaxation(dynamics, least, most), limits.is_over)
         programs, seconds = draft.programs + result.programs, time.thread_time() - begun
         draft = replace(draft, programs=programs, nodes=result.nodes, seconds=seconds)
         forces = result.motion
@@ -406,7 +406,7 @@ def _leaving_joints(draft: StabilityVerdict, dynamics: Dynamics, most: float) ->
     leaving = np.zeros(problem.joint_count, dtype=bool)
     for opened in np.unique(acts.T, axis=0):
         own = np.any(acts, axis=0) & ~np.any(acts[~opened], axis=0)
-        aside = without_free_joints(dynamics, opened, most).aside
+        aside = without_free_joints(dynamics, opened, most).free_motion
         if not aside.any() or (dynamics.rows[opened, 0] @ aside < -dynamics.resolution).any():
             continue
         if _partial_rest_forces(draft, ~own, opened) is not None:
@@ -463,7 +463,7 @@ def _no_rest_verdict(
     motion, message = None, "loses its motion" if problem.is_sliding.any() else "fails"
     message += f": {'keeping the motion' if problem.is_sliding.any() else 'rest'} is no outcome"
     if dynamics is not None and forces is None and slides_with_friction(problem).any():
-        result = search_other_motion(dynamics, force_limit(problem, dynamics), limits.end)
+        result = search_other_motion(dynamics, force_limit(problem, dynamics), limits.is_over)
         draft = replace(draft, programs=draft.programs + result.programs, nodes=result.nodes)
         forces = result.motion
         if result.tree is not None and result.tree.is_empty:

@@ -44,10 +44,10 @@ _SURFACE = 0.999
 
 def is_outcome(dynamics: Dynamics, forces: FloatArray) -> bool:
     """Return whether scaled forces (M, 3) and the motion that they cause are a moving outcome."""
-    y = dynamics.motion(forces)
+    y = dynamics.scaled_acceleration(forces)
     if dynamics.point_acceleration(y) <= dynamics.limit:
         return False
-    u, mu, normal = dynamics.slips(y), dynamics.friction, dynamics.normal_forces(forces)
+    u, mu, normal = dynamics.contact_motion(y), dynamics.friction, dynamics.normal_forces(forces)
     parting = np.where(dynamics.is_commanded, 0.0, u[:, 0])
     slips = np.hypot(u[:, 1], u[:, 2])
     if not (np.isfinite(y).all() and np.isfinite(normal).all()):
@@ -90,7 +90,7 @@ def search_motions(dynamics: Dynamics) -> Iterator[FloatArray]:
     starts[1:, :, 1:] = turn * (dynamics.friction[:, None] * starts[1:, :, :1])
     tried: set[bytes] = set()
     for forces in _swept_forces(dynamics, starts):
-        if dynamics.point_acceleration(dynamics.motion(forces)) > dynamics.limit:
+        if dynamics.point_acceleration(dynamics.scaled_acceleration(forces)) > dynamics.limit:
             polished = polish(dynamics, forces, tried)
             if polished is not None:
                 yield polished
@@ -166,7 +166,7 @@ def polish(
         tried: Contact states that are not tried again; those of this call are added.
     """
     tried = set() if tried is None else tried
-    u = dynamics.slips(dynamics.motion(forces))
+    u = dynamics.contact_motion(dynamics.scaled_acceleration(forces))
     size = float(np.abs(u).max())
     if size == 0.0:
         return None
@@ -203,7 +203,7 @@ def _newton_polish(
     coefficient, slides, fixed = mu[free], slipping[free], is_commanded[free]
     least = np.inf
     for _ in range(_POLISH_STEPS):
-        u, g = own @ dynamics.motion(f), f[free]
+        u, g = own @ dynamics.scaled_acceleration(f), f[free]
         slip = np.hypot(u[:, 1], u[:, 2])
         moving = slides & (slip > 0.0)
         d = u[:, 1:] / np.where(slip > 0.0, slip, 1.0)[:, None]
@@ -232,8 +232,8 @@ def outcome_record(
     problem: QuasistaticProblem, dynamics: Dynamics, forces: FloatArray
 ) -> DynamicOutcome:
     """Return the record of a moving outcome, in SI units and world axes."""
-    y, passive = dynamics.motion(forces), problem.passive_count
-    a, u = dynamics.acceleration @ y, dynamics.slips(y)
+    y, passive = dynamics.scaled_acceleration(forces), problem.passive_count
+    a, u = dynamics.acceleration @ y, dynamics.contact_motion(y)
     speeds = np.linalg.norm(contact_jacobian(problem)[:, 1:] @ a, axis=1)
     local = forces * dynamics.force_unit
     opened = local[:, 0] <= _NEGLIGIBLE * problem.scales.force

@@ -97,7 +97,7 @@ class YamlSource:
         above = (location[:length] for length in range(len(location), -1, -1))
         return f"{self.path}:{next((self.lines[key] for key in above if key in self.lines), 1)}"
 
-    def placed(self, finding: Finding) -> Finding:
+    def with_place(self, finding: Finding) -> Finding:
         """Return a finding with its place (file, line and key) filled in, if it has a key."""
         if not finding.key or finding.place:
             return finding
@@ -113,7 +113,7 @@ class YamlSource:
         return self.kind.error(self.message(location, message))
 
     @contextmanager
-    def at(self, location: Location, also: Location = ()) -> Iterator[None]:
+    def errors_at(self, location: Location, also: Location = ()) -> Iterator[None]:
         """Convert errors in the block to errors that name a part of the file.
 
         Args:

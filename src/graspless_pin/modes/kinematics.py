@@ -153,7 +153,7 @@ class VirtualKinematics:
         self, requirements: Sequence[Requirement], rule: SignRule, importance: FloatArray | None
     ) -> Witness | Conflict:
         contacts, signs = _contacts_and_signs(requirements)
-        touching, found = self._fastest(contacts, signs, rule, importance)
+        touching, found = self._fastest_sliding(contacts, signs, rule, importance)
         if found.slowest < self.threshold:
             return conflict_of(
                 self.velocity_map,
@@ -191,9 +191,9 @@ class VirtualKinematics:
         threshold no motion counts.
         """
         contacts, signs = _contacts_and_signs(requirements)
-        return self._fastest(contacts, signs, rule)[1].slowest
+        return self._fastest_sliding(contacts, signs, rule)[1].slowest
 
-    def counts(
+    def meets_requirements(
         self, velocities: FloatArray, requirements: Sequence[Requirement], rule: SignRule
     ) -> bool:
         """Return whether contact velocities meet the requirements, threshold included.
@@ -228,7 +228,7 @@ class VirtualKinematics:
         """Return the (P + L,) scaled motion of the coordinates y."""
         return self._shortest_motions @ y
 
-    def _fastest(
+    def _fastest_sliding(
         self,
         contacts: tuple[int, ...],
         signs: NDArray[np.int_],
@@ -368,7 +368,7 @@ def _modes_within_limits(
     nodes: int | None,
     seconds: float | None,
 ) -> Iterator[SlidingMode]:
-    is_over = Limits.from_now(nodes, seconds).end
+    is_over = Limits.from_now(nodes, seconds).is_over
     yield from feasible_modes(
         problem, VirtualKinematics(problem), rules, maximal=maximal, is_over=is_over
     )

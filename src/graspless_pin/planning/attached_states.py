@@ -179,7 +179,7 @@ class AttachedConfigurations(Configurations):
             fields["given_contacts"] = tuple(
                 [_moved_contact(contact, move) for contact in scene.given_contacts]
             )
-        return scene._changed(fields)
+        return scene._with_fields(fields)
 
     def solved_scene_at(self, q: Any, T_world_object: Any, twist: Any) -> Scene:
         """Return the scene in one state with the carried contacts, as it is solved."""
@@ -224,7 +224,7 @@ class AttachedConfigurations(Configurations):
     @property
     def rate_limits(self) -> FloatArray:
         """(a,) velocity limits of the joints, rad/s or m/s; infinite where files state none."""
-        return self.hand.tree.fastest[self._free]
+        return self.hand.tree.rate_limits[self._free]
 
     @cached_property
     def moves_apart(self) -> NDArray[np.bool_]:

@@ -379,5 +379,5 @@ def without_joint_limits(scene: Scene) -> Scene:
     if hand is None:
         return scene
     largest = np.full(len(hand.joint_names), np.finfo(float).max)
-    tree = changed(hand.tree, tolerated=(-largest, largest))
+    tree = changed(hand.tree, tolerated_limits=(-largest, largest))
     return scene.with_changes(hand=changed(hand, tree=tree))

@@ -107,7 +107,9 @@ def state_validity(
 ) -> StateValidity:
     """Return the validity of a state: see `Evaluator.validity`."""
     at, asked = solver.configurations, required >= 0.0
-    scene, problem, first_faults = solver.posed(q, T_world_object, twist, solve=asked, whole=True)
+    scene, problem, first_faults = solver.posed_scene(
+        q, T_world_object, twist, solve=asked, whole=True
+    )
     faults, margin = list(first_faults), -np.inf if asked else np.nan
     if problem is not None:
         margin, status = solver.margin_of(scene, problem, required)
@@ -166,7 +168,7 @@ class ScrewMotion(NamedTuple):
         velocity, turn = np.split(self.start_twist, 2)
         return float(np.linalg.norm(velocity)), float(np.linalg.norm(turn))
 
-    def at(self, fraction: float) -> tuple[FloatArray, FloatArray]:
+    def pose_and_twist(self, fraction: float) -> tuple[FloatArray, FloatArray]:
         """Return the (4, 4) pose and the (6,) twist at a fraction of the way.
 
         Args:
@@ -382,7 +384,7 @@ class Edge:
     def _margin(self, state: EdgeState) -> float:
         if not state.valid:
             return -np.inf
-        scene, problem, _ = state.posed or self._solver.posed(*state.query)
+        scene, problem, _ = state.posed or self._solver.posed_scene(*state.query)
         if problem is None:
             return -np.inf
         return self._solver.margin_of(scene, problem, self._required)[0]
@@ -390,18 +392,20 @@ class Edge:
     def _evaluated_state(self, fraction: float) -> EdgeState:
         q, solver, solve = self._start + fraction * self._move, self._solver, self._required >= 0.0
         if self._carried:
-            reached = solver.reaches(q, None, None, self._required)
+            reached = solver.is_feasible(q, None, None, self._required)
             return EdgeState(fraction, reached, (), (q, None, None))
-        query = q, *self._screw.at(fraction)
-        posed = solver.posed(*query, solve=solve)
+        query = q, *self._screw.pose_and_twist(fraction)
+        posed = solver.posed_scene(*query, solve=solve)
         if self._ends_by_touching(fraction, posed):
             query = *query[:2], np.zeros(6)
-            posed = solver.posed(*query, solve=solve)
+            posed = solver.posed_scene(*query, solve=solve)
         contacts = ()
         if posed.problem is not None:
             carrying = posed.scene.contacts
             contacts = carrying.bodies, carrying.sliding.any(axis=1).tobytes()
-        return EdgeState(fraction, solver.holds(posed, self._required), contacts, query, posed)
+        return EdgeState(
+            fraction, solver.is_feasible_scene(posed, self._required), contacts, query, posed
+        )
 
     def _ends_by_touching(self, fraction: float, posed: PosedScene) -> bool:
         """Return whether a blocked state is so near the end that the motion ends by touching."""

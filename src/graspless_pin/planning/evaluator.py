@@ -343,7 +343,7 @@ class Evaluator:
             SceneError: As for `evaluate`.
         """
         required = required_margin(margin, self.required_margin)
-        return self._solver.reaches(q, T_world_object, twist, required)
+        return self._solver.is_feasible(q, T_world_object, twist, required)
 
     def validity(
         self,

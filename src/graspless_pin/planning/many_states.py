@@ -382,7 +382,7 @@ def decided_states(solver: StateSolver, states: StateArrays, margin: float) -> A
     feasible = np.zeros(states.total, dtype=bool)
 
     def alone(number: int, clear: bool) -> None:
-        feasible[number] = solver.reaches(*states.arguments_of(number), margin, clear=clear)
+        feasible[number] = solver.is_feasible(*states.arguments_of(number), margin, clear=clear)
 
     results = StateFigures.empty(
         states.total, len(possible_columns(solver.configurations.scene.hand))

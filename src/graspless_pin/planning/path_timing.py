@@ -338,7 +338,7 @@ def _path_points(
     by_ux = motions_at(hand, kinematics, STILL, rates, changes)
     wrenches, own = np.empty((len(T), 3, 6)), np.zeros((len(T), 3, len(S)))
     wrenches[:, 0] = object_wrench(scene, STILL, T_world_object)
-    moving = object_wrench(scene, by_ux.of(joint), T_world_object[:, None])
+    moving = object_wrench(scene, by_ux.motion_of_joint(joint), T_world_object[:, None])
     wrenches[:, 1:] = moving - wrenches[:, :1]
     if scene.count_own_weight:
         own[:, 0] = [hand.tree.gravity_torques(place, scene.gravity) for place in places]

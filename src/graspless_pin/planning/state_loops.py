@@ -180,7 +180,7 @@ class StateLoops:
             enough: Margin, N: where it is cheaper, only whether it is reached is decided; None:
                 optima are searched.
         """
-        states = None if q is None else self.posed(q, objective)
+        states = None if q is None else self.posed_states(q, objective)
         clear = [False] * len(results.codes)
         remaining = [*range(len(clear))]
         if q is not None and states is not None:
@@ -197,9 +197,9 @@ class StateLoops:
         for number in remaining:
             alone(number, clear[number])
 
-    def posed(self, q: FloatArray, objective: Objective) -> BatchContacts | None:  # noqa: ARG002
+    def posed_states(self, q: FloatArray, objective: Objective) -> BatchContacts | None:  # noqa: ARG002
         """Return the contacts of configurations (K, a), found in loops; None: loops cannot."""
-        return None if self._at.scene.hand is None else self._finder.at(q)
+        return None if self._at.scene.hand is None else self._finder.contacts_at(q)
 
     def _state_groups(
         self,
@@ -237,21 +237,21 @@ class StateLoops:
             return None
         bodies, carriers, problem = shared
         starts = self._starts.for_contacts(bodies, problem, objective)
-        if not starts.is_due():
+        if not starts.is_worth_trying():
             return None
         figures, torques = np.empty((1, 6)), np.empty(states.weights.shape)
         optimum = state_optimum(
-            problem, objective, self._options, starts.new_for_loops(), starts.for_loops, states,
+            problem, objective, self._options, starts.new_start(), starts.compiled_starts, states,
             self._finder.moves, carriers, *self._finder.frame, figures, torques,
         )  # fmt: skip
-        starts.count(optimum is not None)
+        starts.record_found(optimum is not None)
         if optimum is None:
             return None
         rules, margin = self._options.rules, float(figures[0, 0])
         names, units = problem.joint_names, problem.joint_units
         return WarmAnswer(objective, rules, optimum, margin, torques[0], names, units)
 
-    def reaches(self, states: BatchContacts, margin: float) -> bool | None:
+    def reaches_margin(self, states: BatchContacts, margin: float) -> bool | None:
         """Decide whether a single state reaches a margin, N; None: see `answer`."""
         answer = self.answer(states, Margin())
         if answer is None:
@@ -303,15 +303,15 @@ class StateLoops:
             return 0
         bodies, carriers, problem = shared
         starts = self._starts.for_contacts(bodies, problem, objective)
-        if not starts.is_due():
+        if not starts.is_worth_trying():
             return 0
         order = order[begin:]
         count = optima_of_states(
-            problem, objective, self._options, starts.new_for_loops(), starts.for_loops, order,
+            problem, objective, self._options, starts.new_start(), starts.compiled_starts, order,
             states, self._finder.moves, carriers, *self._finder.frame, results.figures,
             results.torques,
         )  # fmt: skip
-        starts.count(count)
+        starts.record_found(count)
         results.contact_counts[order[:count]] = problem.contact_count
         return count
 
@@ -342,7 +342,7 @@ class AttachedLoops(StateLoops):
     def answer(self, states: BatchContacts, objective: Objective) -> None:
         """Return None: whole answers are solved one by one."""
 
-    def reaches(self, states: BatchContacts, margin: float) -> bool | None:
+    def reaches_margin(self, states: BatchContacts, margin: float) -> bool | None:
         """Decide whether a single state reaches a margin, N; None: loops cannot."""
         if states.counts[0] < 0 or states.doubtful[0]:
             return None
@@ -353,7 +353,7 @@ class AttachedLoops(StateLoops):
         _, value, _, _, _, unit = figures[0].tolist()
         return is_reached(value, unit, margin)
 
-    def posed(self, q: FloatArray, objective: Objective) -> BatchContacts | None:
+    def posed_states(self, q: FloatArray, objective: Objective) -> BatchContacts | None:
         """Return the poses of configurations (K, a); None: also if loops lack the objective."""
         cone = CONE_MODELS[self._at.scene.cone]
         if self._posing_loops is None or not loops_cover(cone, objective, self._options):
@@ -448,7 +448,7 @@ class AttachedLoops(StateLoops):
         moving = (
             np.concatenate([carriers, np.full(len(pieces), at.joint)]),
             np.concatenate([placements, at.T_joint_object @ T_object_pieces]),
-            solids_of(joined).for_loops,
+            solids_of(joined).compiled_sets,
         )
         pairs = _checked_pairs(at, moving[-1], len(pieces)) if self._checks.collisions else None
         return loops_of(at.scene, at.coupling(), moving, _NO_BODIES, pairs)

@@ -108,9 +108,9 @@ class StateSolver:
         """Solve for one state, with few records: see `Evaluator.evaluate`.
 
         With an object that moves with a link, vectors may be in the link's axes; ``clear`` is that
-        of `posed`.
+        of `posed_scene`.
         """
-        scene, problem, faults = self.posed(q, T_world_object, twist, clear=clear)
+        scene, problem, faults = self.posed_scene(q, T_world_object, twist, clear=clear)
         if problem is None or faults:
             return Evaluation(*faults[0], scene, None)
         shared = self._shared_problem(scene, problem)
@@ -123,7 +123,7 @@ class StateSolver:
         if answer is not None:
             scene = self.configurations.scene_at(q, None, None)
             return Evaluation(StateStatus.FOUND, "", scene, answer)
-        scene, problem, faults = self.posed(q, T_world_object, twist, clear=_is_clear(posed))
+        scene, problem, faults = self.posed_scene(q, T_world_object, twist, clear=_is_clear(posed))
         if problem is None or faults:
             return Evaluation(*faults[0], scene, None)
         # Where motors carry the link, the whole problem is not the one that all states share.
@@ -176,7 +176,7 @@ class StateSolver:
         status = StateStatus.FOUND if enough else StateStatus.BELOW_MARGIN
         return shared.margin_of(optimum.forces), status
 
-    def reaches(
+    def is_feasible(
         self, q: Any, T_world_object: Any, twist: Any, margin: float, *, clear: bool | None = None
     ) -> bool:
         """Decide whether a state is proven to reach a margin: see `Evaluator.is_feasible`.
@@ -186,19 +186,21 @@ class StateSolver:
             T_world_object: See there.
             twist: See there.
             margin: N; below zero: none is required.
-            clear: See `posed`; None: loops are tried first.
+            clear: See `posed_scene`; None: loops are tried first.
         """
         solve = margin >= 0.0
         posed = None
         if solve and clear is None:
             posed = self._posed_by_loops(q, T_world_object, twist, Margin())
-        reached = None if posed is None else self.loops.reaches(posed, margin)
+        reached = None if posed is None else self.loops.reaches_margin(posed, margin)
         if reached is not None:
             return reached
         clear = clear or _is_clear(posed)
-        return self.holds(self.posed(q, T_world_object, twist, solve=solve, clear=clear), margin)
+        return self.is_feasible_scene(
+            self.posed_scene(q, T_world_object, twist, solve=solve, clear=clear), margin
+        )
 
-    def holds(self, state: PosedScene, margin: float) -> bool:
+    def is_feasible_scene(self, state: PosedScene, margin: float) -> bool:
         """Decide whether a state has no faults and is proven to reach a margin.
 
         Args:
@@ -220,7 +222,7 @@ class StateSolver:
         self.loops.learn(scene, problem)
         return bool(reached)
 
-    def posed(
+    def posed_scene(
         self,
         q: Any,
         T_world_object: Any,
@@ -276,7 +278,7 @@ class StateSolver:
         if T_world_object is not None or twist is not None:
             return None
         row = self.configurations.position_row(q)
-        return None if row is None else self.loops.posed(row[None], objective)
+        return None if row is None else self.loops.posed_states(row[None], objective)
 
     def _shared_problem(self, scene: Scene, problem: QuasistaticProblem) -> QuasistaticProblem:
         """Return the problem in the form that states with the same contacts share, except loads.

@@ -80,7 +80,7 @@ def earlier_forces_serve(
     if commands is None:
         return False
     margins = member_margins(
-        members, commands, options, Limits.of(options), directions=directions, mode=mode,
+        members, commands, options, Limits.from_options(options), directions=directions, mode=mode,
         enough=margin,
     )  # fmt: skip
     slack = _CANCELS * max(margin, members[0].problem.scales.force)
@@ -173,7 +173,7 @@ class UncertainStateSolver(StateSolver):
 
     def evaluate(self, q: Any, T_world_object: Any, twist: Any) -> Evaluation:
         """Return the answer for all members in one state: see `Evaluator.evaluate`."""
-        scene, problem, faults = self.posed(q, T_world_object, twist)
+        scene, problem, faults = self.posed_scene(q, T_world_object, twist)
         if problem is None or faults:
             return Evaluation(*faults[0], scene, None)
         robust = self._robust_solution(scene, self.objective)
@@ -190,7 +190,7 @@ class UncertainStateSolver(StateSolver):
         """Return the largest margin that one vector of torques keeps for all members."""
         return _margin_and_status(self._robust_solution(scene, Margin()), required)
 
-    def reaches(
+    def is_feasible(
         self,
         q: Any,
         T_world_object: Any,
@@ -203,11 +203,13 @@ class UncertainStateSolver(StateSolver):
         posed = None
         if margin >= 0.0 and self._is_coulomb:
             posed = self._posed_by_loops(q, T_world_object, twist, Margin())
-        if posed is not None and self.loops.reaches(posed, margin) is False:
+        if posed is not None and self.loops.reaches_margin(posed, margin) is False:
             return False
-        return self.holds(self.posed(q, T_world_object, twist, solve=margin >= 0.0), margin)
+        return self.is_feasible_scene(
+            self.posed_scene(q, T_world_object, twist, solve=margin >= 0.0), margin
+        )
 
-    def holds(self, state: PosedScene, margin: float) -> bool:
+    def is_feasible_scene(self, state: PosedScene, margin: float) -> bool:
         """Decide whether a state has no faults, and one torque vector reaches a margin for all."""
         scene, problem, faults = state
         if faults or problem is None:
@@ -219,7 +221,7 @@ class UncertainStateSolver(StateSolver):
                 return True
         if self._is_coulomb:
             # The nominal load is a mean of the corners' loads: its margin is at least as large.
-            if not super().holds(state, margin):
+            if not super().is_feasible_scene(state, margin):
                 return False
         elif not self.options.rules.by_direction:
             coulomb = replace(self.options.rules, static_friction=StaticFriction.COULOMB)

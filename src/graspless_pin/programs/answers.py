@@ -267,7 +267,7 @@ class Answer:
         """Objective minus proven bound."""
         return self.value - self.bound
 
-    def moved(self, x: FloatArray, value: float, residual: float) -> Answer:
+    def at_point(self, x: FloatArray, value: float, residual: float) -> Answer:
         """Return the answer at another point x with its value and residual; the bound stays."""
         return Answer(
             self.outcome, x, self.y, self.z, value, self.bound, residual, self.proof, self.solver

@@ -352,15 +352,15 @@ def marginals(
     ):
         scaled = unit * values / block.unit
         if block.sign is Sign.ANY:
-            by_name[block.name] = read_only(block.spread(scaled))
+            by_name[block.name] = read_only(block.in_shape(scaled))
             continue
         if block.sign is Sign.CONE:
-            by_name[block.name] = read_only(block.spread(-scaled))
+            by_name[block.name] = read_only(block.in_shape(-scaled))
             continue
-        by_name[_upper_name(block)] = read_only(block.spread(np.where(sides > 0.0, scaled, 0.0)))
+        by_name[_upper_name(block)] = read_only(block.in_shape(np.where(sides > 0.0, scaled, 0.0)))
         if block.sign is Sign.EITHER:
             lower = np.where(sides < 0.0, -scaled, 0.0)
-            by_name[f"{block.name}_lower"] = read_only(block.spread(lower))
+            by_name[f"{block.name}_lower"] = read_only(block.in_shape(lower))
     return by_name
 
 

@@ -49,7 +49,7 @@ class Block(NamedTuple):
     shape: tuple[int, ...]
     places: NDArray[np.int_] | None = None
 
-    def spread(self, values: FloatArray) -> FloatArray:
+    def in_shape(self, values: FloatArray) -> FloatArray:
         """Return values of its rows in `shape`, zero where there is no row."""
         if self.places is None:
             return values.reshape(self.shape)
@@ -195,7 +195,7 @@ class Program:
         index = next(block.at for block in self.bounded_blocks if block.name == name)
         return int(np.arange(len(self.c))[index].item())
 
-    def bounded(self, lb: FloatArray, ub: FloatArray, cutoff: float = np.inf) -> Program:
+    def with_bounds(self, lb: FloatArray, ub: FloatArray, cutoff: float = np.inf) -> Program:
         """Return the program with other bounds, which shares the matrices and their properties.
 
         Args:

@@ -73,10 +73,10 @@ def objective_data(solution: TorqueSolution) -> dict[str, Any]:
     force_curvature[coordinates.layout.axes] = unit * program.P[:size] / force**2
     normal = force * np.array([program.lb, program.ub])[:, coordinates.normal_columns]
     faces = blocks["faces"]
-    margins = faces.spread(-faces.unit * program.sides[1][faces.at])[:, 0] + 0.0
+    margins = faces.in_shape(-faces.unit * program.sides[1][faces.at])[:, 0] + 0.0
     kept = {name: column_terms(blocks[name]) for name in KEPT if name in blocks}
     for name in kept.keys() - {"balance", "torque"}:  # by contact: equal at all its faces
-        spread = [blocks[name].spread(one).reshape(count, -1)[:, 0] for one in kept[name].T]
+        spread = [blocks[name].in_shape(one).reshape(count, -1)[:, 0] for one in kept[name].T]
         kept[name] = np.array(spread).T.reshape(count, len(scale))
     return {
         "name": solution.objective.name,

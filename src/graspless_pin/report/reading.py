@@ -300,7 +300,7 @@ def _optimal_added_column(
 
 def _stated_problem(stated: Part, known: Problem) -> QuasistaticProblem:
     joints, document = stated["joints"], stated.stated
-    rows, given = 3 * known.count, known.given
+    rows, given = 3 * known.count, known.stated_map
     problem = QuasistaticProblem(
         known.p,
         known.frames[:, 0],

@@ -90,7 +90,7 @@ class BatchContactFinder:
         self._collisions = collisions
         self._known: dict[tuple[str, ...], SharedContactData] = Bounded(_MOST_KEPT)
 
-    def at(self, q: FloatArray) -> BatchContacts | None:
+    def contacts_at(self, q: FloatArray) -> BatchContacts | None:
         """Return the contacts in configurations.
 
         Args:
@@ -148,7 +148,7 @@ class BatchContactFinder:
         if (
             core is None
             or hand is None
-            or not hand.actuation.every_joint_alone
+            or not hand.actuation.is_identity
             or hand.control.hybrid_fingers
             or scene.given_contacts is not None
             or not _has_fixed_sliding(scene)
@@ -157,7 +157,7 @@ class BatchContactFinder:
         ):
             return None
         tree, pieces = hand.tree, scene.object.placed_bodies
-        links = solids_of(tree.shapes).for_loops
+        links = solids_of(tree.shapes).compiled_sets
         return loops_of(
             scene,
             (tree.coupling.S, tree.coupling.offset),
@@ -189,16 +189,16 @@ def loops_of(
     return core.HandStates(
         coupling=coupling[0],
         offset=coupling[1],
-        lower=tree.tolerated[0],
-        upper=tree.tolerated[1],
+        lower=tree.tolerated_limits[0],
+        upper=tree.tolerated_limits[1],
         gravity=scene.gravity if scene.count_own_weight else np.zeros(3),
         carriers=carriers,
         shapes=shapes,
         links=links,
-        pieces=solids_of(pieces.shapes).for_loops,
+        pieces=solids_of(pieces.shapes).compiled_sets,
         poses=pieces.poses,
         pairs=pairs,
-        around=solids_of(support_bodies.shapes).for_loops,
+        around=solids_of(support_bodies.shapes).compiled_sets,
         around_poses=support_bodies.poses,
         tolerance=scene.contact_tolerance,
         max_penetration=scene.max_penetration,

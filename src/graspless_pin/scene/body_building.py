@@ -135,7 +135,7 @@ def build_object(
     """
     shape = build_shape(file, parts, (*where, "shape"), entry.shape)
     pose = build_pose(file, parts, (*where, "pose"), entry.pose)
-    with file.at(where):
+    with file.errors_at(where):
         body = ManipulatedObject.from_shape(
             entry.name,
             shape,
@@ -160,7 +160,7 @@ def build_support(
     """
     pose = build_pose(file, parts, (*where, "pose"), entry.pose)
     shape = build_shape(file, parts, (*where, "shape"), entry.shape)
-    with file.at(where):
+    with file.errors_at(where):
         body = Support(
             entry.name,
             shape,
@@ -185,9 +185,9 @@ def build_shape(file: YamlSource, parts: SceneParts, where: Location, entry: Any
             tuple(build_shape(file, parts, (*at, "shape"), one.shape) for at, one in placed),
             np.array([build_pose(file, parts, (*at, "pose"), one.pose) for at, one in placed]),
         )
-    with file.at(where):
+    with file.errors_at(where):
         shape = SHAPES[entry.type].from_entry(entry, file.file)
-    with file.at(where, ("path",) if hasattr(entry, "path") else ()):
+    with file.errors_at(where, ("path",) if hasattr(entry, "path") else ()):
         shape.pieces()
     return shape
 
@@ -199,9 +199,11 @@ def _with_pieces(parts: SceneParts, where: Location, body: _Body, pose: FloatArr
     """Return a body with cached convex pieces, and their poses if it has the same pose."""
     name, cache = key_text(where), parts.latest
     sources = body.shape, body.name
-    pieces = cache.made(f"{name}: pieces", sources, lambda: body.shapes)
+    pieces = cache.value(f"{name}: pieces", sources, lambda: body.shapes)
     with_shapes = changed(body, shapes=pieces)
-    placed = cache.made(f"{name}: placed pieces", (pieces, pose), lambda: with_shapes.placed_bodies)
+    placed = cache.value(
+        f"{name}: placed pieces", (pieces, pose), lambda: with_shapes.placed_bodies
+    )
     return changed(with_shapes, placed_bodies=placed)
 
 
@@ -215,7 +217,7 @@ def build_pose(
     """
     form, rotation = rotation_form_and_value(vars(entry))
     try:
-        return parts.latest.made(
+        return parts.latest.value(
             key_text(where), (entry,), lambda: pose_matrix(entry.position, rotation)
         )
     except ArgumentError as error:

@@ -57,18 +57,18 @@ def touching_of(scene: SceneFields) -> ContactArrays:
     Raises:
         SceneError: If bodies overlap too deeply, or a shape cannot be used.
     """
-    given, hand, cache = scene.given_contacts, scene.hand, scene._kept
+    given, hand, cache = scene.given_contacts, scene.hand, scene._cache
     if given is not None:
         links = () if hand is None else hand.link_names
-        return cache.made("given", (given, *links), lambda: stated_contact_arrays(given, links))
+        return cache.value("given", (given, *links), lambda: stated_contact_arrays(given, links))
     support_sources, all_sources = _contact_dependencies(scene)
-    on_supports = cache.made(
+    on_supports = cache.value(
         "on supports",
         support_sources,
         lambda: _contacts_with(scene, support_bodies(scene), BodyKind.SUPPORT),
     )
     hand_bodies = () if hand is None else hand.placed_bodies
-    return cache.made(
+    return cache.value(
         "touching",
         (*all_sources, on_supports),
         lambda: _contacts_with(scene, hand_bodies, BodyKind.HAND).followed_by(on_supports),
@@ -78,7 +78,7 @@ def touching_of(scene: SceneFields) -> ContactArrays:
 def support_bodies(scene: SceneFields) -> PlacedBodies:
     """Return the convex pieces of all supports."""
     placed = [support.placed_bodies for support in scene.supports]
-    return scene._kept.made("support bodies", (*placed,), lambda: PlacedBodies.joined(placed))
+    return scene._cache.value("support bodies", (*placed,), lambda: PlacedBodies.joined(placed))
 
 
 def pieces_by_body(scene: SceneFields) -> Mapping[str, list[CollisionBody]]:
@@ -122,10 +122,10 @@ def with_touching(scene: AnyScene, touching: ContactArrays) -> AnyScene:
         scene: The scene, with a hand.
         touching: All contacts, none of them with a support.
     """
-    new_scene = changed(scene, *scene._DERIVED, _kept=Latest())
+    new_scene = changed(scene, *scene._DERIVED, _cache=Latest())
     support_sources, all_sources = _contact_dependencies(new_scene)
-    none = new_scene._kept.put("on supports", support_sources, ContactArrays.of(()))
-    new_scene._kept.put("touching", (*all_sources, none), touching)
+    none = new_scene._cache.put("on supports", support_sources, ContactArrays.of(()))
+    new_scene._cache.put("touching", (*all_sources, none), touching)
     return new_scene
 
 
@@ -148,7 +148,7 @@ def contacts_of(scene: SceneFields) -> SceneContacts:
     touching = touching_of(scene)
     sources = touching, scene.motion, scene.supports, scene.object, scene.hand
     # Cached in addition to `Scene.contacts`, as checks and problems of one state call this.
-    return scene._kept.made("contacts", sources, lambda: _contacts_after_motion(scene, touching))
+    return scene._cache.value("contacts", sources, lambda: _contacts_after_motion(scene, touching))
 
 
 def _contacts_after_motion(scene: SceneFields, touching: ContactArrays) -> SceneContacts:
@@ -179,7 +179,7 @@ def _contacts_after_motion(scene: SceneFields, touching: ContactArrays) -> Scene
             f"{label_of(scene)}: the declared motion parts object {scene.object.name!r} from "
             "everything that touches it; no contact is left",
         )
-    return SceneContacts(touching.chosen(staying), sliding[staying])
+    return SceneContacts(touching.at_indices(staying), sliding[staying])
 
 
 def _body_velocities(scene: SceneFields, touching: ContactArrays, motion: Motion) -> FloatArray:

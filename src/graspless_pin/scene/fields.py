@@ -167,11 +167,11 @@ class StatedFields(NamedTuple):
     file: YamlSource
     changed: frozenset[str] = frozenset()
 
-    def placed(self, finding: Finding) -> Finding:
+    def with_place(self, finding: Finding) -> Finding:
         """Return a finding with its place in the file, unless its field has changed."""
         key = str(finding.key[0]) if finding.key else ""
         field = FIELDS_OF_KEYS.get(key, (key,))[0]
-        return finding if field in self.changed else self.file.placed(finding)
+        return finding if field in self.changed else self.file.with_place(finding)
 
 
 FIELDS_OF_KEYS = {
@@ -222,7 +222,7 @@ class SceneFields(Record):
         Raises:
             ArgumentError: If a name is no field, or a value is invalid for its field.
         """
-        scene = self._changed(_checked_changes(changes))
+        scene = self._with_fields(_checked_changes(changes))
         links = () if scene.hand is None else scene.hand.link_names
         supports = [support.name for support in scene.supports]
         if changes.keys() & {"object", "hand", "supports"}:
@@ -236,25 +236,25 @@ class SceneFields(Record):
                 check_contact_body(f"given_contacts[{index}].body", contact.body, bodies)
         return scene
 
-    def _changed(self, fields: Mapping[str, Any]) -> Self:
+    def _with_fields(self, fields: Mapping[str, Any]) -> Self:
         """Return the scene with some fields replaced, without checks."""
-        stated = self._stated
+        stated = self._source
         if stated is not None and not stated.changed.issuperset(fields):
             stated = stated._replace(changed=stated.changed.union(fields))
         own = {name: frozen(value) for name, value in fields.items()}
-        return changed(self, *self._DERIVED, _kept=self._kept, _stated=stated, **own)
+        return changed(self, *self._DERIVED, _cache=self._cache, _source=stated, **own)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle the fields, and `_stated`."""
-        return (*super().__reduce__(), {"_stated": self._stated})
+        """Pickle the fields, and `_source`."""
+        return (*super().__reduce__(), {"_source": self._source})
 
     @cached_property
-    def _stated(self) -> StatedFields | None:
+    def _source(self) -> StatedFields | None:
         """The scene's file and the fields that differ from it; None: it came from no file."""
         return None
 
     @cached_property
-    def _kept(self) -> Latest:
+    def _cache(self) -> Latest:
         """Cache of latest results, shared with scenes changed from it or of the same parts."""
         return Latest()
 
@@ -336,7 +336,7 @@ def label_of(scene: SceneFields) -> str:
 
 def place_of(scene: SceneFields, *key: str) -> str:
     """Return the name of a scene's part in messages: file, line and key if it has not changed."""
-    stated = scene._stated
+    stated = scene._source
     if stated is None or key[0] in stated.changed:
         return label_of(scene)
     return f"{stated.file.where(key)}: {key_text(key)}"

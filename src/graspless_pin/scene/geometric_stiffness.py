@@ -147,7 +147,7 @@ def refuse_flat_on_flat(
         SceneError: Naming the body.
     """
     across = np.cross(velocities[3:6] - bodies.turns, problem.normals[:, :, None], axis=1)
-    moves = rolling.moves @ np.einsum("mit,mid->mtd", problem.tangents, across)
+    moves = rolling.rolling_matrix @ np.einsum("mit,mid->mtd", problem.tangents, across)
     distance = np.linalg.norm(moves, axis=1).max(axis=1, initial=0.0)
     if bears is not None:
         distance[~bears] = 0.0
@@ -174,7 +174,7 @@ def geometric_stiffness(
     count, size = problem.contact_count, velocities.shape[1]
     force_stiffness, constant = np.zeros((count, 3, size, size)), np.zeros((size, size))
     contacts, columns = contacts_of(scene).arrays, bodies.columns
-    shares, moves = rolling.shares, rolling.moves
+    shares, moves = rolling.inverse_radii_sum, rolling.rolling_matrix
     for contact in range(count):
         normal, tangents = problem.normals[contact], problem.tangents[contact]
         object_velocity = linear + np.cross(angular, problem.positions[contact], axis=0)

@@ -190,4 +190,4 @@ def scene_with_keys(scene: AnyScene, values: Mapping[str, Any]) -> AnyScene:
         built = build_scene(SceneFields, source, parts)
     names = [name for key in changed_keys for name in FIELDS_OF_KEYS.get(key, (key,))]
     new_fields = {name: getattr(built, name) for name in names}
-    return scene._changed(new_fields | {"load_findings": built.load_findings})
+    return scene._with_fields(new_fields | {"load_findings": built.load_findings})

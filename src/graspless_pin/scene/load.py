@@ -106,13 +106,13 @@ def build_scene(
         _check_weight(source, entry, bodies.fields["object"])
         scene = _scene_with_figures(kind, source, parts, entry, bodies)
     hand_findings = () if scene.hand is None else scene.hand.findings
-    placed = [one if one in hand_findings else source.placed(one) for one in emitted]
+    placed = [one if one in hand_findings else source.with_place(one) for one in emitted]
     emit(*placed)
     vars(scene)["load_findings"] = tuple(one for one in placed if one not in hand_findings)
-    vars(scene)["_stated"] = StatedFields(replace(source, data=None))
+    vars(scene)["_source"] = StatedFields(replace(source, data=None))
     if entry.warnings == "error":
         refused = [one for one in findings_of(scene) if one.severity is not Severity.NOTE]
-        placed = [source.placed(one) for one in refused]
+        placed = [source.with_place(one) for one in refused]
         lines = [one if one.place else replace(one, place=source.where(())) for one in placed]
         if lines:
             reason = "(an error, as the scene says 'warnings: error')"
@@ -139,10 +139,10 @@ def _build_bodies(file: YamlSource, parts: SceneParts, entry: SceneEntry) -> Bod
         build_support(file, parts, ("supports", index), item)
         for index, item in enumerate(entry.supports)
     )
-    supports = parts.latest.made("supports", supports, lambda made=supports: made)
+    supports = parts.latest.value("supports", supports, lambda made=supports: made)
     links = () if hand is None else hand.link_names
     names = tuple([support.name for support in supports])
-    with file.at(()):
+    with file.errors_at(()):
         check_body_names(entry.object.name, names, links)
     target = build_object(file, parts, ("object",), entry.object)
     materials = _build_materials(file, parts, entry)
@@ -153,7 +153,7 @@ def _build_bodies(file: YamlSource, parts: SceneParts, entry: SceneEntry) -> Bod
         value, sources = getattr(entry, key), (None if hand is None else hand.tree, *others)
         if value is None:
             return None
-        return parts.latest.made(f"stated {key}", (value, *sources), lambda: make(value))
+        return parts.latest.value(f"stated {key}", (value, *sources), lambda: make(value))
 
     fields_by_name = {
         "object": target,
@@ -196,14 +196,14 @@ def build_hand(file: YamlSource, parts: SceneParts, where: Location, entry: Hand
     sources = [one if isinstance(one, BaseModel) else repr(one) for one in (*common, *entry.mounts)]
     mounts = parts.run_stage("mounts", (*sources,), lambda: _build_mounts(file, parts, entry))
     tree = mounts.joined.tree
-    with file.at(where):
-        named = named_positions(tree.group_states, entry.group_states, tree.lacking)
+    with file.errors_at(where):
+        named = named_positions(tree.group_states, entry.group_states, tree.missing)
         q = named | merged_angles(entry.q, entry.q_deg)
         for name, kind in zip(tree.joint_names, tree.joint_kinds, strict=True):
             if kind == "prismatic" and name in entry.q_deg:
                 message = "is a prismatic joint; give metres under q"
                 raise file.error((*where, "q_deg", name), message)
-        positions = parts.latest.made(
+        positions = parts.latest.value(
             "hand positions", (tree, repr(q)), lambda: joint_positions(tree, q)
         )
         return hand_of(mounts, entry.effort_limits, positions)
@@ -221,7 +221,7 @@ def _build_mounts(file: YamlSource, parts: SceneParts, entry: HandEntry) -> Asse
     if assembled is None:
         mounts = [_build_mount(file, *place) for place in mounted]
         name = "mounts" if entry.mounts else "robot" if entry.urdf is None else "urdf"
-        with file.at(("hand",), (name,)):
+        with file.errors_at(("hand",), (name,)):
             assembled = assembled_mounts(mounts, entry.control, entry.armature)
         parts.hands[key] = assembled
     else:
@@ -239,7 +239,7 @@ def _build_mount(file: YamlSource, where: Location, prefix: str, entry: MountEnt
         else {name: item.spec() for name, item in entry.fingers.items()}
     )
     folders, name = [file.file(folder) for folder in entry.package_dirs], str(entry.robot)
-    with file.at(where, ("robot",)):
+    with file.errors_at(where, ("robot",)):
         if entry.urdf is not None:
             robot = describe_urdf(file.file(entry.urdf), folders)
         else:
@@ -291,13 +291,13 @@ def _build_controller(
     else:
         controller = Controller()
         if hand is not None:
-            with file.at(("hand",), ("robot",)):
+            with file.errors_at(("hand",), ("robot",)):
                 controller = _controller_of_robots(hand)
         if isinstance(stated, ControllerEntry):
             stated_gains = {name: getattr(stated, name) for name in stated.model_fields_set}
             controller = replace(controller, **stated_gains)
     joints, fingers = ((), ()) if hand is None else (hand.actuation.names, (*hand.fingers,))
-    with file.at(("controller",)):
+    with file.errors_at(("controller",)):
         controller.check(joints, fingers)
     return controller
 
@@ -310,7 +310,7 @@ def _build_uncertainty(
     object_name: str,
     stated: UncertaintyEntry,
 ) -> Uncertainty:
-    with file.at(("uncertainty",)):
+    with file.errors_at(("uncertainty",)):
         uncertainty = Uncertainty(**dict(stated))
         check_uncertain_names(uncertainty, hand, supports, materials.names, object_name)
     return uncertainty
@@ -334,15 +334,15 @@ def _scene_with_figures(
         changes |= bodies.fields
     if last is None:
         scene = kind(path=file.path, **changes)
-        vars(scene)["_kept"] = parts.latest
+        vars(scene)["_cache"] = parts.latest
     else:
-        scene = last.scene._changed(changes)
+        scene = last.scene._with_fields(changes)
     parts.last = LastScene(entry, bodies, scene)
     return scene
 
 
 def _build_friction(file: YamlSource, value: Any, names: tuple[str, ...]) -> Mapping[str, float]:
-    with file.at(()):
+    with file.errors_at(()):
         return friction_by_name(value, names)
 
 
@@ -384,8 +384,8 @@ def _check_weight(file: YamlSource, entry: SceneEntry, target: ManipulatedObject
 
 
 def _build_materials(file: YamlSource, parts: SceneParts, entry: SceneEntry) -> Materials:
-    with file.at(()):
-        table = parts.latest.made(
+    with file.errors_at(()):
+        table = parts.latest.value(
             "table of materials",
             (repr(entry.materials),),
             lambda: Materials.from_table(entry.materials),
@@ -396,7 +396,7 @@ def _build_materials(file: YamlSource, parts: SceneParts, entry: SceneEntry) -> 
     named += [(("supports", i, "material"), item.material) for i, item in enumerate(entry.supports)]
     for location, name in named:
         if name is not None:
-            with file.at(location):
+            with file.errors_at(location):
                 table.check([name])
     return table
 
@@ -406,7 +406,7 @@ def _build_contacts(
 ) -> tuple[GivenContact, ...]:
     contacts: list[GivenContact] = []
     for index, item in enumerate(entries):
-        with file.at(("contacts", index)):
+        with file.errors_at(("contacts", index)):
             check_contact_body("body", item.body, bodies)
         normal = np.array(item.normal) / np.linalg.norm(item.normal)
         contacts.append(GivenContact(item.body, np.array(item.position), normal))
@@ -419,13 +419,13 @@ def _build_motion(file: YamlSource, hand: Hand | None, entry: MotionEntry) -> Mo
         if hand is None:
             raise file.error(("motion", "hand"), "the scene has no hand that could move")
         moved = HandMotion(twist_of(entry.hand.base_twist), dict(entry.hand.joint_velocities))
-        with file.at(("motion", "hand")):
+        with file.errors_at(("motion", "hand")):
             hand.point_velocities((), np.zeros((0, 3)), moved.joint_velocities, moved.base_twist)
     return Motion(twist_of(entry.object_twist), moved)
 
 
 def _build_loads(file: YamlSource, entries: Sequence[LoadEntry]) -> tuple[Load, ...]:
-    with file.at(()):
+    with file.errors_at(()):
         check_load_names([entry.name for entry in entries])
     return tuple(Load(**dict(entry)) for entry in entries)
 
@@ -433,7 +433,7 @@ def _build_loads(file: YamlSource, entries: Sequence[LoadEntry]) -> tuple[Load, 
 def _build_acceleration(
     file: YamlSource, hand: Hand | None, entry: AccelerationEntry
 ) -> Acceleration:
-    with file.at(("acceleration",)):
+    with file.errors_at(("acceleration",)):
         for argument in ("joint_velocities", "joint_accelerations"):
             named = getattr(entry, argument)
             if named and hand is None:

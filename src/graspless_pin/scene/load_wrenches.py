@@ -122,7 +122,7 @@ def object_wrench(
     """
     mass, gravity = scene.object.mass, scene.gravity
     motion = object_motion(scene) if motion is None else motion
-    weight = scene._kept.made(
+    weight = scene._cache.value(
         "weight", (mass, gravity), lambda: np.concatenate([mass * gravity, np.zeros(3)])
     )
     if motion is STILL and not scene.loads:
@@ -185,7 +185,7 @@ def hand_motion(scene: SceneFields) -> HandMotions | None:
         hand.tree,
         center.tobytes() if acceleration.at is None else b"",
     )
-    return scene._kept.made(
+    return scene._cache.value(
         "hand motion", sources, lambda: _hand_motion(scene, acceleration, hand, center)
     )
 
@@ -238,7 +238,7 @@ def carried_loads(
         return object_wrench(scene, motion, T_world_object), nothing
     motions = _hand_motion(scene, acceleration, hand, center, kinematics)
     torques = motions.joint_torques(hand) if scene.count_own_weight else nothing
-    return object_wrench(scene, motions.of(joint), T_world_object), torques
+    return object_wrench(scene, motions.motion_of_joint(joint), T_world_object), torques
 
 
 def inertial_torques(scene: SceneFields) -> FloatArray:
@@ -276,7 +276,7 @@ def object_motion(scene: SceneFields) -> RigidMotion:
             "the fingers, or give 'of: object'"
         )
     first, *other_links = links
-    carried = [motions.of(scene.hand.tree.link_joints[link]) for link in links]
+    carried = [motions.motion_of_joint(scene.hand.tree.link_joints[link]) for link in links]
     for link, motion in zip(other_links, carried[1:], strict=True):
         if not _is_same_motion(motion, carried[0]):
             raise SceneError(
@@ -284,7 +284,9 @@ def object_motion(scene: SceneFields) -> RigidMotion:
                 "name joints that carry both, such as an arm's"
             )
     slides = touching.hand_count < len(touching) and scene.motion is None
-    if slides and not np.allclose(carried[0].velocity, motions.of(0).velocity, atol=_SAME_MOTION):
+    if slides and not np.allclose(
+        carried[0].velocity, motions.motion_of_joint(0).velocity, atol=_SAME_MOTION
+    ):
         raise SceneError(
             f"{place}: the joints' velocities move the object, which touches "
             f"{touching.bodies[touching.hand_count]!r}; declare how it slides with 'motion', or "

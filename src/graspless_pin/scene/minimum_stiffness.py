@@ -340,7 +340,7 @@ def _analyses_by_model(
             extreme_forces(motion, problem, torque, forces, worst=worst) for worst in (True, False)
         )
         stiffness = motion.stiffness(worst)
-        growth, fastest = motion.fastest(stiffness)
+        growth, fastest = motion.fastest_growth(stiffness)
         if growth > 0.0:
             fastest = fastest / fastest[np.argmax(np.abs(fastest))]
         models[name] = _MotionAnalysis(
@@ -351,8 +351,8 @@ def _analyses_by_model(
             growth,
             fastest,
             stable=motion.stable_feedback(stiffness, _carrier_shares(scene, problem)),
-            neutral=motion.neutral(stiffness),
-            least_growth=motion.fastest(motion.stiffness(best))[0],
+            neutral=motion.neutral_motions(stiffness),
+            least_growth=motion.fastest_growth(motion.stiffness(best))[0],
         )
     return problem, models
 

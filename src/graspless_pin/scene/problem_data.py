@@ -111,7 +111,7 @@ def problem_of(scene: SceneFields) -> QuasistaticProblem:
     Cached: scenes that differ only in `_NOT_OF_PROBLEMS` share one problem.
     """
     sources = [value for name, value in vars(scene).items() if name not in _NOT_OF_PROBLEMS]
-    return scene._kept.made(
+    return scene._cache.value(
         "problem", (*sources,), lambda: problem_at(scene, jointed_contacts(scene))
     )
 
@@ -160,7 +160,7 @@ def jointed_contacts(scene: SceneFields) -> JointedContacts:
     hand_data = () if hand is None else (hand.positions, hand.tree, hand.actuation, hand.control)
     contact_data = all_contacts, center.tobytes(), scene.tangent_axes, scene.motion, scene.supports
     sources = *contact_data, *hand_data
-    return scene._kept.made("jointed contacts", sources, lambda: _find_jointed_contacts(scene))
+    return scene._cache.value("jointed contacts", sources, lambda: _find_jointed_contacts(scene))
 
 
 def _find_jointed_contacts(scene: SceneFields) -> JointedContacts:
@@ -236,12 +236,12 @@ _OF_LIMITS = frozenset({"max_normal_force", "hybrid_force_limit"})
 _OF_LOADS = frozenset({"gravity", "loads", "acceleration"})
 _NOT_OF_PROBLEMS = frozenset({
     "name", "path", "controller", "uncertainty", "solve_options", "load_findings", "contacts",
-    "findings", "_stated", "_kept",
+    "findings", "_source", "_cache",
 })  # fmt: skip
 """Fields and cached values on which a problem does not depend."""
 _BEARING = _OF_FRICTION | _OF_LIMITS | _OF_LOADS
 """Fields of a scene on which neither its contacts nor its joints depend."""
-_NO_LOADS = frozenset({"name", "load_findings", "contacts", "findings", "_stated"})
+_NO_LOADS = frozenset({"name", "load_findings", "contacts", "findings", "_source"})
 """Descriptions of a scene, and values derived from its fields."""
 
 
@@ -316,7 +316,7 @@ def _gravity_torques(scene: SceneFields, state: JointedContacts) -> FloatArray:
             torques[:motors] = hand.gravity_torques(gravity)
         return torques
 
-    carried = scene._kept.made("carried", (state, gravity), link_torques)
+    carried = scene._cache.value("carried", (state, gravity), link_torques)
     if gravity is None or scene.acceleration is None:
         return carried
     return carried + np.concatenate([inertial_torques(scene), np.zeros(hybrid)])

@@ -263,7 +263,7 @@ class Scene(SceneFields):
         refuse_feedback_alone(feedback)
         rest_model = rest_model_of(self) if settings.strong else None
         solution = solve_problem(self.problem(), objective, settings, mode=mode, rest=rest_model)
-        unused_findings = [] if algorithm else [*unused_figures(self.solve_options, self._stated)]
+        unused_findings = [] if algorithm else [*unused_figures(self.solve_options, self._source)]
         if unused_findings:
             return solution.of_source(changed(self, findings=(*self.findings, *unused_findings)))
         return solution.of_source(self)
@@ -272,11 +272,11 @@ class Scene(SceneFields):
         """Return the objective and options of `solve`, which has the same arguments."""
         name = algorithm or self.solve_options.get("algorithm", "margin")
         sources = self.solve_options, algorithm, *options, *options.values()
-        asked = self._kept.get("asked", sources)
+        asked = self._cache.get("asked", sources)
         if asked is None:
             merged = {**self.solve_options, **options, "algorithm": name}
             try:
-                asked = self._kept.put("asked", sources, objective_and_options(**merged))
+                asked = self._cache.put("asked", sources, objective_and_options(**merged))
             except SolverUnavailableError as error:
                 if "solver" in options:
                     raise

@@ -104,7 +104,7 @@ def hand_overlaps(scene: SceneFields) -> tuple[Overlap, ...]:
         return ()
     supports = [support.placed_bodies for support in scene.supports]
     sources = hand.positions, hand.tree, *supports, deepest
-    return scene._kept.made(
+    return scene._cache.value(
         "overlaps", sources, lambda: unwanted_overlaps(hand, scene.supports, tolerance=deepest)
     )
 
@@ -176,7 +176,7 @@ def findings_of(scene: SceneFields) -> tuple[Finding, ...]:
 
 def _with_places(scene: SceneFields, findings: Iterable[Finding]) -> Iterable[Finding]:
     """Return findings with their places in the scene's file filled in."""
-    return findings if scene._stated is None else map(scene._stated.placed, findings)
+    return findings if scene._source is None else map(scene._source.with_place, findings)
 
 
 def figure_findings(scene: SceneFields) -> tuple[Finding, ...]:
@@ -203,7 +203,7 @@ def unused_figures(options: Mapping[str, Any], stated: StatedFields | None) -> I
                 f"write algorithm: {' or '.join(users)} to have it used, or leave it out{note}",
                 ("solve", key),
             )
-            yield finding if stated is None else stated.placed(finding)
+            yield finding if stated is None else stated.with_place(finding)
 
 
 def _all_figure_findings(scene: SceneFields) -> Iterator[Finding]:
@@ -351,7 +351,7 @@ def _joint_findings(hand: Hand) -> Iterator[Finding]:
 
 def _gravcomp_findings(hand: Hand) -> Iterator[Finding]:
     """Find links whose weight an MJCF compensates (gravcomp), where the links' weight counts."""
-    if names := hand.tree.borne_links:
+    if names := hand.tree.compensated_links:
         yield Finding(
             FindingCode.LEFT_OUT_OF_MJCF,
             ", ".join(names),

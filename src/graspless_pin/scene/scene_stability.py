@@ -336,7 +336,7 @@ def verdicts_under(
     """
     verdicts: list[StabilityVerdict] = []
     for member in members:
-        if limits.passed:
+        if limits.is_time_over:
             break
         variant, friction = scene_of_member(scene, member), member.problem.friction
         own = replace(member, problem=problem_of(variant).with_changes(friction=friction))

@@ -123,7 +123,7 @@ def _strong_torques(
     # Imported here, as verdicts need their own search and solver.
     from graspless_pin.algorithms.guaranteed_torques import FIRST_NODES, weaker_supports
 
-    limits, problem = Limits.of(options), problem_of(scene)
+    limits, problem = Limits.from_options(options), problem_of(scene)
     options = replace(options, stability=RequiredStability.WEAK)
     best = solve_set(problem, objective, options)
     if not best.found:
@@ -153,7 +153,7 @@ def _strong_torques(
         yield best.torques, FIRST_NODES
         guesses = weaker_supports(problem, objective) if best.policy is None else ()
         for weaker_problem, weaker_objective in guesses:
-            result = solve_set(weaker_problem, weaker_objective, limits.within(options))
+            result = solve_set(weaker_problem, weaker_objective, limits.with_time_left(options))
             if result.found and result.policy is None:
                 yield result.torques, FIRST_NODES
         if options.verdict_nodes > FIRST_NODES:
@@ -169,7 +169,7 @@ def _strong_torques(
             return replace(solved, rest=replace(rest, tried=len(tried)))
         if rest.corners:
             order.insert(0, order.pop(order.index(rest.corners[-1])))
-        if limits.passed:
+        if limits.is_time_over:
             break
     rest = max((one for _, one in tried), key=lambda one: len(one.corners))
     # Without a policy the members of the solution come first.

@@ -149,7 +149,7 @@ def compute_here(
 def _take_process(processes: ChildProcesses, replaced: ChildProcess | None = None) -> ChildProcess:
     """Return a process that has imported the evaluation of samples."""
     try:
-        return processes.taken(_row_batches, replaced)
+        return processes.take(_row_batches, replaced)
     except CrashError as error:
         raise StudyError(str(error)) from None
 

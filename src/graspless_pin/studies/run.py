@@ -171,7 +171,7 @@ def _check_sample(study: Study, sample: Sample, parts: SampleParts) -> None:
         study.scene_at(sample, parts).problem()
         return
     scene, tree = study.unposed_at(sample, parts), study.tree_at(sample)
-    with study.source.at(("place",)):
+    with study.source.errors_at(("place",)):
         # One candidate is enough to check the options.
         place = posing_of(scene, tree).place or study.entry.place
         placement_of(scene, place.model_copy(update={"candidates": 1, "verdict_nodes": 0}))

@@ -79,7 +79,7 @@ class SampleParts(SceneParts):
                 if field is None:
                     return None
                 fields[field[0]] = field[1]
-        scene = scene._changed(fields)
+        scene = scene._with_fields(fields)
         self._last = sample, scene
         return scene
 
@@ -275,7 +275,7 @@ def _place_hand(
 def _close_hand(scene: Scene, entry: CloseEntry, parts: SampleParts) -> tuple[Scene | None, Row]:
     # With the same hand and object the closed hand is the same object, and so are its contacts.
     sources = scene.hand, scene.object, repr(entry)
-    result = parts.latest.made(
+    result = parts.latest.value(
         "closed fingers", sources, lambda: close_fingers(scene, **entry.model_dump()).closing
     )
     untouching = [finger.finger for finger in result.fingers if not finger.touching]

@@ -347,7 +347,7 @@ def _visual_triangles(visual: LinkShape, max_faces: int) -> Triangles:
     if not isinstance(shape, LinkMesh):
         surface = shape.surface()
     elif shape.file is None:
-        raise MeshError(f"the mesh {shape.written!r} is missing")
+        raise MeshError(f"the mesh {shape.stated_name!r} is missing")
     else:
         surface = file_triangles(shape.file, shape.scale, max_faces, upright=False)
     return surface.moved(visual.T_link_shape)

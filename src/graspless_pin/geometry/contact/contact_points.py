@@ -111,7 +111,7 @@ class ContactArrays(Brief, Record, Sequence[ContactPoint]):
             self.distances[index],
         )
 
-    def chosen(self, rows: Sequence[int]) -> ContactArrays:
+    def at_indices(self, rows: Sequence[int]) -> ContactArrays:
         """Return the contacts at given indices."""
         return ContactArrays(
             tuple([self.bodies[k] for k in rows]),

@@ -74,15 +74,15 @@ class Rolling(NamedTuple):
     body_radii: FloatArray
 
     @property
-    def shares(self) -> FloatArray:
+    def inverse_radii_sum(self) -> FloatArray:
         """(M, 2, 2) (R_o + R_b)^-1, 1/m; the pseudoinverse where both are vertices."""
         both = self.object_radii + self.body_radii
         return np.asarray(np.linalg.pinv(both, hermitian=True), dtype=np.float64)
 
     @property
-    def moves(self) -> FloatArray:
+    def rolling_matrix(self) -> FloatArray:
         """(M, 2, 2) R_o (R_o + R_b)^-1 R_b, m."""
-        found = self.object_radii @ self.shares @ self.body_radii
+        found = self.object_radii @ self.inverse_radii_sum @ self.body_radii
         return 0.5 * (found + found.transpose(0, 2, 1))
 
 

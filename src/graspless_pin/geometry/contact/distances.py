@@ -58,7 +58,7 @@ class Solids:
     reaches: FloatArray
 
     @cached_property
-    def for_loops(self) -> Any:
+    def compiled_sets(self) -> Any:
         """The same sets as `compiled.core.ConvexSets`."""
         faces = [
             np.column_stack([solid.face_normals, solid.face_offsets])

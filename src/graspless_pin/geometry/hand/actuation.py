@@ -60,7 +60,7 @@ class Actuation(Brief, Record):
     from_joints: FloatArray
 
     @cached_property
-    def every_joint_alone(self) -> bool:
+    def is_identity(self) -> bool:
         """Whether every movable joint has a motor of its own, in their order."""
         rows, columns = self.from_joints.shape
         return rows == columns and bool((self.from_joints == np.eye(rows)).all())

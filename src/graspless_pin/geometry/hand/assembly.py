@@ -421,7 +421,7 @@ def assembled_mounts(
         arms, held = {**tree.groups, **joined.arms}, joined.held_joints
         if isinstance(control, Mapping):
             names = [name for name in control if name not in (*joined.fingers, *joined.arms)]
-            refuse_incomplete("control", names, tree.lacking)
+            refuse_incomplete("control", names, tree.missing)
         plan = plan_control(tree, joined.fingers, control, arms=arms, held=held)
         actuation = plan_actuation(tree, plan, joined.tendons)
         for joint, value in joint_armatures(tree, joined.fingers, armature or {}).items():
@@ -435,14 +435,14 @@ _SAME_AT_ALL_BASES = (
     "mount_of",
     "leader_names",
     "joint_kinds",
-    "tolerated",
+    "tolerated_limits",
     "ranges",
     "locked",
     "link_joints",
     "parent_links",
     "supports",
     "shapes",
-    "_starts",
+    "_q_starts",
     "moves",
 )
 """Cached properties of the tree that do not depend on the poses of the bases."""

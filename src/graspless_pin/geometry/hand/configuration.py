@@ -127,7 +127,7 @@ def _checked_positions(
 
     None means all independent joints.
     """
-    leaders, (lower, upper) = tree.coupling.leaders, tree.tolerated
+    leaders, (lower, upper) = tree.coupling.leaders, tree.tolerated_limits
     positions.setflags(write=False)
     if all_true((lower <= positions) & (positions <= upper)):
         return positions

@@ -230,7 +230,7 @@ class HandMotions(NamedTuple):
     wrenches: FloatArray
     rotors: FloatArray
 
-    def of(self, joint: int) -> RigidMotion:
+    def motion_of_joint(self, joint: int) -> RigidMotion:
         """Return the motion of the body of one of Pinocchio's joints."""
         velocity, acceleration = self.carried
         return RigidMotion(velocity[..., joint, :], acceleration[..., joint, :])

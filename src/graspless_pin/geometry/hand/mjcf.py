@@ -495,6 +495,6 @@ class _RobotReader:
             RobotLink(
                 name, mass, T[:3, 3].copy(), inertia,
                 tuple(geom_shape(self._source, geom) for geom in touching), visuals,
-                borne=float(model.body_gravcomp[body]),
+                gravcomp=float(model.body_gravcomp[body]),
             )
         )  # fmt: skip

@@ -333,7 +333,7 @@ class Hand(Record):
         """
         jacobians = self._links.point_jacobians(links, points)
         columns = self.actuation.from_joints
-        if not self.actuation.every_joint_alone:
+        if not self.actuation.is_identity:
             jacobians = jacobians @ columns
         return jacobians.reshape(3 * len(links), columns.shape[1])
 
@@ -351,7 +351,7 @@ class Hand(Record):
         """
         acceleration = finite_array("gravity", gravity, (3,))
         torques = self.tree.gravity_torques(self.positions, acceleration)
-        return torques if self.actuation.every_joint_alone else torques @ self.actuation.from_joints
+        return torques if self.actuation.is_identity else torques @ self.actuation.from_joints
 
     def joint_inertia(self) -> FloatArray:
         """Return the inertia at the actuators, with all other joints fixed.

@@ -218,7 +218,7 @@ def named_positions(
     Args:
         states: Positions by state, ``GROUP/STATE`` with the mount's prefix.
         names: Names of states, or ``STATE`` alone for all groups that have it.
-        lacking: See `RobotModel.lacking`.
+        lacking: See `RobotModel.missing`.
 
     Raises:
         ArgumentError: If there is no such state, it sets a joint that the robot does not have, or
@@ -256,7 +256,7 @@ def refuse_incomplete(argument: str, names: Iterable[str], lacking: Mapping[str,
     Args:
         argument: The argument that names them.
         names: Names of the groups and states.
-        lacking: See `RobotModel.lacking`.
+        lacking: See `RobotModel.missing`.
 
     Raises:
         ArgumentError: If one of the names is in ``lacking``.
@@ -297,7 +297,7 @@ def _with_srdf_file(robot: RobotModel, file: Path, named: AbstractSet[str]) -> R
         # The SRDF of a whole robot may be beside the URDF of its hand alone.
         groups={name: own for name in groups.elements if (own := groups.joints(name))},
         group_states=_group_states(robot, file, root),
-        lacking={name: f"{file}: {text}" for name, text in lacking.items()},
+        missing={name: f"{file}: {text}" for name, text in lacking.items()},
     )
 
 

@@ -46,15 +46,15 @@ class LinkMesh:
     """A mesh file of a link.
 
     Attributes:
-        written: The name of the mesh in the robot's file.
+        stated_name: The name of the mesh in the robot's file.
         file: The file; None: it is missing, which is an error only when it is read.
-        looked: The paths at which it was looked for.
+        searched_paths: The paths at which it was looked for.
         scale: Metres per unit of the file along x, y, z.
     """
 
-    written: str
+    stated_name: str
     file: Path | None
-    looked: tuple[Path, ...]
+    searched_paths: tuple[Path, ...]
     scale: tuple[float, float, float]
 
 
@@ -82,7 +82,7 @@ class RobotLink(Record):
         inertia: (3, 3) about the centre of mass, axes of the link's frame, kg m^2.
         collisions: Collision shapes.
         visuals: Visual shapes; empty if one of them is malformed.
-        borne: Share of its weight that an MJCF's ``gravcomp`` compensates.
+        gravcomp: Share of its weight that an MJCF's ``gravcomp`` compensates.
     """
 
     name: str
@@ -91,7 +91,7 @@ class RobotLink(Record):
     inertia: FloatArray = field(default_factory=lambda: np.zeros((3, 3)))
     collisions: tuple[LinkShape, ...] = ()
     visuals: tuple[LinkShape, ...] = ()
-    borne: float = field(default=0.0, kw_only=True)
+    gravcomp: float = field(default=0.0, kw_only=True)
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,7 +159,7 @@ class RobotModel(Record):
         disabled_pairs: Pairs of links whose overlaps are ignored.
         groups: Movable joints by group of an SRDF.
         group_states: Positions by joint, rad or m, by state of an SRDF, ``GROUP/STATE``.
-        lacking: Text on the joints and links that the robot does not have, by the group or state of
+        missing: Text on the joints and links that the robot does not have, by the group or state of
             the SRDF that names them.
     """
 
@@ -171,7 +171,7 @@ class RobotModel(Record):
     disabled_pairs: frozenset[frozenset[str]] = frozenset()
     groups: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     group_states: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
-    lacking: Mapping[str, str] = field(default_factory=dict)
+    missing: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def movable_joints(self) -> tuple[str, ...]:
@@ -265,7 +265,7 @@ class RobotModel(Record):
                 prefix + name: {prefix + joint: value for joint, value in positions.items()}
                 for name, positions in self.group_states.items()
             },
-            lacking={prefix + name: words for name, words in self.lacking.items()},
+            missing={prefix + name: words for name, words in self.missing.items()},
         )
         renamed.check()
         return renamed
@@ -435,8 +435,8 @@ def load_link_mesh(label: str, link: str, mesh: LinkMesh) -> trimesh.Trimesh:
     """
     if mesh.file is None:
         raise MeshError(
-            f"{label}: link {link!r} needs the collision mesh {mesh.written!r}, which is missing "
-            f"(looked for {search_places_text(mesh)}); {missing_mesh_advice(mesh)}"
+            f"{label}: link {link!r} needs the collision mesh {mesh.stated_name!r}, which is "
+            f"missing (looked for {search_places_text(mesh)}); {missing_mesh_advice(mesh)}"
         )
     try:
         return scaled_mesh(mesh.file, mesh.scale, upright=False)
@@ -448,14 +448,14 @@ def load_link_mesh(label: str, link: str, mesh: LinkMesh) -> trimesh.Trimesh:
 
 def search_places_text(mesh: LinkMesh) -> str:
     """Return a text with the likeliest paths at which a mesh was looked for."""
-    return first_of([*map(str, mesh.looked)], _MOST_PLACES) or "nowhere"
+    return first_of([*map(str, mesh.searched_paths)], _MOST_PLACES) or "nowhere"
 
 
 def missing_mesh_advice(mesh: LinkMesh) -> str:
     """Return advice on a missing mesh: the name that was probably meant, if any."""
     # For each path: the parts that do not exist, and the folder in which they are missing.
     missing: list[tuple[tuple[str, ...], Path]] = []
-    for place in mesh.looked:
+    for place in mesh.searched_paths:
         with suppress(OSError, ValueError):  # no file can have such a name
             folder = next(one for one in place.parents if one.is_dir())
             missing.append((place.relative_to(folder).parts, folder))
@@ -465,7 +465,7 @@ def missing_mesh_advice(mesh: LinkMesh) -> str:
             known = [item.name for item in folder.iterdir() if item.is_dir() == is_folder]
             if nearest := nearest_name(parts[0], known, _LEAST_SIMILARITY):
                 return f"did you mean {nearest!r}?"
-    scheme, _, address = mesh.written.partition("://")
+    scheme, _, address = mesh.stated_name.partition("://")
     package = Path(address).parts
     if scheme == "package" and not any(len(parts) < len(package) for parts, _ in missing):
         return "give package_dirs, the folder that holds the package"

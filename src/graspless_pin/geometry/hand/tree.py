@@ -92,8 +92,8 @@ class KinematicTree(Brief, Record):
         disabled_pairs: Pairs of links whose collision is ignored (``disable_collisions``).
         groups: Joints by group of SRDFs.
         group_states: Positions by joint, rad or m, by state of SRDFs, ``GROUP/STATE``.
-        lacking: See `RobotModel.lacking`.
-        borne_links: Links with a mass whose weight an MJCF compensates (``gravcomp``).
+        missing: See `RobotModel.missing`.
+        compensated_links: Links with a mass whose weight an MJCF compensates (``gravcomp``).
     """
 
     pinocchio_model: Any
@@ -108,8 +108,8 @@ class KinematicTree(Brief, Record):
     disabled_pairs: frozenset[frozenset[str]] = frozenset()
     groups: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     group_states: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
-    lacking: Mapping[str, str] = field(default_factory=dict)
-    borne_links: tuple[str, ...] = ()
+    missing: Mapping[str, str] = field(default_factory=dict)
+    compensated_links: tuple[str, ...] = ()
 
     @cached_property
     def joint_index(self) -> Mapping[str, int]:
@@ -139,7 +139,7 @@ class KinematicTree(Brief, Record):
         return tuple(kinds)
 
     @cached_property
-    def tolerated(self) -> tuple[FloatArray, FloatArray]:
+    def tolerated_limits(self) -> tuple[FloatArray, FloatArray]:
         """(n,) lowest and highest positions within the limits and tolerances, all finite."""
         slack = np.full(len(self.joint_names), FOLLOWER_TOLERANCE)
         slack[list(self.coupling.leaders)] = LIMIT_TOLERANCE
@@ -152,7 +152,7 @@ class KinematicTree(Brief, Record):
         return independent_ranges(self.coupling, self.lower, self.upper)
 
     @cached_property
-    def fastest(self) -> FloatArray:
+    def rate_limits(self) -> FloatArray:
         """(a,) rate limits of the independent joints, rad/s or m/s, infinite if not stated.
 
         The limits of the joints that follow them are included.
@@ -236,7 +236,7 @@ class KinematicTree(Brief, Record):
         A continuous joint has two entries in it, the cosine and the sine of its angle. Without
         such joints the same array is returned.
         """
-        starts, angles = self._starts
+        starts, angles = self._q_starts
         if not len(angles):
             return positions
         q = np.empty(self.pinocchio_model.nq)
@@ -287,7 +287,7 @@ class KinematicTree(Brief, Record):
         return self._work_space.joint_inertia(self.configuration(positions))
 
     @cached_property
-    def _starts(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    def _q_starts(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         """First index of each joint in q, and the indices of the continuous joints."""
         starts = np.array(self.pinocchio_model.idx_qs, dtype=np.intp)[1:]
         return starts, np.flatnonzero(np.array(self.pinocchio_model.nqs)[1:] == 2)
@@ -375,9 +375,9 @@ def build_tree(
         disabled_pairs=frozenset().union(*[robot.disabled_pairs for robot, _ in robots]),
         groups={name: own for robot, _ in robots for name, own in robot.groups.items()},
         group_states={name: own for robot, _ in robots for name, own in robot.group_states.items()},
-        lacking={name: own for robot, _ in robots for name, own in robot.lacking.items()},
-        borne_links=tuple(
-            link.name for robot, _ in robots for link in robot.links if link.borne and link.mass
+        missing={name: own for robot, _ in robots for name, own in robot.missing.items()},
+        compensated_links=tuple(
+            link.name for robot, _ in robots for link in robot.links if link.gravcomp and link.mass
         ),
     )
 

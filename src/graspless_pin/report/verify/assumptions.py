@@ -35,9 +35,9 @@ def taken_as_given(problem: Problem, stated: Part) -> list[Check]:
 
 def _coordinate_lines(problem: Problem) -> list[Check]:
     """Return the line on a stated map of passive coordinates; none for one free object."""
-    if problem.given is None:
+    if problem.stated_map is None:
         return []
-    count, turning = len(problem.w), int(problem.turns.sum())
+    count, turning = len(problem.w), int(problem.is_moment.sum())
     detail = (
         f"{count} of them, {count - turning} in N, {turning} in N m, with their wrench_matrix: "
         "what contact forces do to them does not follow from contact points"
@@ -67,7 +67,7 @@ def _units_text(problem: Problem, stated: Part) -> str:
 
 def _load_text(problem: Problem, stated: Part) -> str:
     """Return the external load, with the weight of the object where the document states it."""
-    parts = problem.w[~problem.turns], problem.w[problem.turns]
+    parts = problem.w[~problem.is_moment], problem.w[problem.is_moment]
     force, moment = (float(np.linalg.norm(one)) for one in parts)
     shown, mass = f"force {force:.6g} N, moment {moment:.6g} N m", stated_mass(stated)
     if mass is not None and stated.get("gravity") is not None:

@@ -77,11 +77,11 @@ def _column_rows(
     ends = forces * low, forces * high
     smallest, largest = np.minimum(*ends).sum(axis=(1, 2)), np.maximum(*ends).sum(axis=(1, 2))
     absent, outward = np.full(problem.count, np.inf), np.full(problem.count, -np.inf)
-    for c in np.flatnonzero(problem.cone).tolist():
+    for c in np.flatnonzero(problem.has_cone).tolist():
         # A face: h^T f is at least this inside the box.
         faces = problem.faces(c)
         outward[c] = np.minimum(faces * low[c], faces * high[c]).sum(axis=1).max()
-    most = [problem.limit - low[:, 0], np.where(problem.cone, absent, high[:, 0])]
+    most = [problem.limit - low[:, 0], np.where(problem.has_cone, absent, high[:, 0])]
     most += [np.concatenate([own.rows.high, -problem.w]) - smallest, -own.margins - outward]
     least = [-absent, -absent, np.concatenate([own.rows.low, -problem.w]) - largest, -absent]
     C = np.concatenate(
@@ -161,7 +161,7 @@ def _force_slopes(problem: Problem, m: StatedMultipliers) -> tuple[np.ndarray, n
     pull = m.round.astype(_LONG) * np.column_stack([-problem.mu, -np.ones((problem.count, 2))])
     slope += pull
     size += np.abs(pull)
-    for c in np.flatnonzero(problem.cone).tolist():
+    for c in np.flatnonzero(problem.has_cone).tolist():
         faces = problem.faces(c).astype(_LONG)
         slope[c] += (m.faces[c][:, None] * faces).sum(axis=0)
         size[c] += (m.faces[c][:, None] * np.abs(faces)).sum(axis=0)
@@ -210,7 +210,7 @@ def _force_box(
     least, largest = problem.normal_range
     high[:, 0] = np.minimum(largest, reach)
     low[:, 0] = least
-    friction = np.where(problem.cone, problem.mu * most, 0.0)[:, None]
+    friction = np.where(problem.has_cone, problem.mu * most, 0.0)[:, None]
     low[:, 1:], high[:, 1:] = -friction * free[:, :, 0], friction * free[:, :, 1]
     return low, high
 
@@ -291,7 +291,7 @@ def _largest_torque_bound(problem: Problem, reach: float) -> float:
 def _force_frames(problem: Problem) -> np.ndarray:
     """(M, 3, 3) rows: the unit force of each component, along the kinetic one without a cone."""
     frames = problem.frames.copy()
-    frames[~problem.cone, 0] = problem.directions[~problem.cone]
+    frames[~problem.has_cone, 0] = problem.kinetic_directions[~problem.has_cone]
     return frames
 
 

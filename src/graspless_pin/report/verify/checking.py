@@ -48,8 +48,8 @@ from graspless_pin.report.verify.reading import (
 )
 from graspless_pin.report.verify.rest import rest_checks
 from graspless_pin.report.verify.tree import (
-    Proof,
-    State,
+    ModeSet,
+    TreeProof,
     TreeWalk,
     contact_velocities,
     motion_check,
@@ -259,7 +259,7 @@ class _Checker:
 
     def _sign_match_check(self, forces: Forces, selected: np.ndarray, signs: np.ndarray) -> Check:
         """Check that the mode describes the friction, where no rule asks for a sliding."""
-        friction = forces.local[:, 1:] * self.problem.cone[:, None]
+        friction = forces.local[:, 1:] * self.problem.has_cone[:, None]
         with_friction = np.abs(friction) > tolerances.force(self.problem)
         ok = (selected == (signs != 0).any(axis=1)).all() and (signs[with_friction] != 0).all()
         return holds(
@@ -320,7 +320,7 @@ class _Checker:
         """Return the checks of the multipliers of the forces' own program."""
         problem, inner = self.problem, self.certificate["duality_gap"]
         # Friction may have the solution's own signs only.
-        friction = forces.local[:, 1:] * problem.cone[:, None]
+        friction = forces.local[:, 1:] * problem.has_cone[:, None]
         least = tolerances.force(problem)
         with_friction = np.stack([friction < -least, friction > least], axis=2)
         multipliers = self.stated["multipliers"].stated
@@ -337,7 +337,7 @@ class _Checker:
         stated, good = self.proof.get("mode_multipliers"), False
         detail = "no multipliers in the document"
         if stated is not None:
-            free = State.one_mode(self.problem, selected, signs).friction
+            free = ModeSet.one_mode(self.problem, selected, signs).friction
             bound, strays = self._proven_bound(stated.stated, "mode_multipliers", free)
             gap, limit = value - bound, tolerances.objective(self.problem, value, bound)
             good, detail = gap <= limit and not strays, f"proven gap {gap:.1e}"
@@ -382,7 +382,7 @@ class _Checker:
         shared = self.certificate["infeasibility"]
         return holds("states no infeasibility", shared <= 0.0, f"{shared:.3g}")
 
-    def _infeasibility_check(self, name: str, proof: Proof) -> Check:
+    def _infeasibility_check(self, name: str, proof: TreeProof) -> Check:
         failure = proof.failure
         if not failure and proof.bound < np.inf:
             failure = "a leaf does not prove that there are no forces"
@@ -400,5 +400,5 @@ class _Checker:
 _IN_ITS_MODE = "optimal within its mode"
 
 
-def _leaves(proof: Proof) -> str:
+def _leaves(proof: TreeProof) -> str:
     return "one leaf" if proof.leaves == 1 else f"{proof.leaves} leaves"

@@ -51,7 +51,7 @@ def disturbance_checks(document: object, problem: Problem) -> list[Check]:
         unit = claim["direction"]
         if abs(float(np.linalg.norm(unit)) - 1.0) > tolerances.UNIT or length <= 0.0:
             raise ValueError(f"direction of {claim.where} is no unit of force and moment")
-        step = unit * np.where(problem.turns, length, 1.0)
+        step = unit * np.where(problem.is_moment, length, 1.0)
         checks += _DirectionChecks(claim, bodies, step, limit).run(largest)
     return checks
 

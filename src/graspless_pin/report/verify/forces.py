@@ -50,7 +50,7 @@ def against_mode(
     problem: Problem, forces: Forces, selected: np.ndarray, signs: np.ndarray
 ) -> float:
     """Return the largest friction that does not oppose a mode as (27) and (31) require, N."""
-    friction = forces.local[:, 1:] * problem.cone[:, None]
+    friction = forces.local[:, 1:] * problem.has_cone[:, None]
     allowed = np.where(signs == 0, np.abs(friction), signs * friction)
     allowed[~selected] = np.abs(friction[~selected])
     return _largest_excess(allowed)
@@ -121,7 +121,7 @@ def _unbalanced_load(problem: Problem, forces: Forces) -> tuple[float, float]:
         unbalanced = unbalanced + problem.own.balance @ forces.columns
         sizes = sizes + np.abs(problem.own.balance) @ np.abs(forces.columns)
     most = np.abs(unbalanced) + tolerances.rounding_error(sizes)
-    force, moment = (most[one].max(initial=0.0) for one in (~problem.turns, problem.turns))
+    force, moment = (most[one].max(initial=0.0) for one in (~problem.is_moment, problem.is_moment))
     return float(force), float(moment)
 
 
@@ -140,6 +140,6 @@ def _torque_excess(problem: Problem, forces: Forces) -> float:
 
 def _kinetic_error(problem: Problem, forces: Forces) -> float:
     """Return the largest distance of forces without a cone from kinetic friction, N."""
-    without_cone = ~problem.cone
-    along = forces.local[:, :1] * problem.directions
+    without_cone = ~problem.has_cone
+    along = forces.local[:, :1] * problem.kinetic_directions
     return float(np.abs(forces.f - along)[without_cone].max(initial=0.0))

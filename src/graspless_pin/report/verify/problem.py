@@ -58,9 +58,9 @@ class Problem:
         upper: (L,) largest torques.
         gravity: (L,) torques that the motors bear besides the contacts.
         units: L units.
-        turns: (P,) which passive coordinates have loads in N m.
-        given: (M, 3, P) stated map from their velocities to those at contacts, world axes; None:
-            they are the twist of one object.
+        is_moment: (P,) which passive coordinates have loads in N m.
+        stated_map: (M, 3, P) from their velocities to those at contacts, world axes; None: they are
+            the twist of one object.
         algorithm: ``margin``, ``torque`` or, with an objective of its own, ``own``.
         e0: Required margin, N; 0 in Algorithm 1.
         by_limits: Whether Algorithm 2 counts shares of the limits.
@@ -90,8 +90,8 @@ class Problem:
     sign_rule: str
     constrained: bool
     coulomb: bool
-    turns: np.ndarray
-    given: np.ndarray | None
+    is_moment: np.ndarray
+    stated_map: np.ndarray | None
     own: OwnObjective | None = None
     corners: np.ndarray | None = None
     kinetic: np.ndarray | None = None
@@ -116,8 +116,8 @@ class Problem:
     @cached_property
     def passive(self) -> np.ndarray:
         """(M, 3, P) map from passive velocities to those at contacts, world axes; W^T."""
-        if self.given is not None:
-            return self.given
+        if self.stated_map is not None:
+            return self.stated_map
         x, y, z = self.p.T
         o = np.zeros_like(x)
         turning = np.array([[o, z, -y], [-z, o, x], [y, -x, o]]).transpose(2, 0, 1)
@@ -126,7 +126,7 @@ class Problem:
     @cached_property
     def passive_scale(self) -> np.ndarray:
         """(P,) scale of each row of the balance under the load, N and N m."""
-        return np.where(self.turns, self.force * self.length, self.force)
+        return np.where(self.is_moment, self.force * self.length, self.force)
 
     @cached_property
     def points(self) -> np.ndarray:
@@ -135,7 +135,7 @@ class Problem:
         Of a stated map they are those at contacts, and each passive coordinate's own times its
         lever, one below the other.
         """
-        if self.given is None:
+        if self.stated_map is None:
             centre = np.concatenate([np.eye(3), np.zeros((3, 3))], axis=1)
             return np.concatenate([self.passive, centre[None]])
         own = np.zeros((len(self.w), 3, len(self.w)))
@@ -149,15 +149,15 @@ class Problem:
         Of a stated map `length` for loads in N m, and for those in N the longest three entries at a
         contact, or 1.
         """
-        if self.given is None:
+        if self.stated_map is None:
             return np.repeat([1.0, float(np.linalg.norm(self.p, axis=1).max())], 3)
-        longest = np.linalg.norm(self.given, axis=1).max(axis=0)
-        return np.where(self.turns, self.length, np.maximum(longest, 1.0))
+        longest = np.linalg.norm(self.stated_map, axis=1).max(axis=0)
+        return np.where(self.is_moment, self.length, np.maximum(longest, 1.0))
 
     @cached_property
     def goal_weight(self) -> float:
         """Divisor of the limit for each acceleration, so that no point exceeds the limit."""
-        return 2.0 * np.sqrt(3.0) if self.given is None else float(len(self.w))
+        return 2.0 * np.sqrt(3.0) if self.stated_map is None else float(len(self.w))
 
     def mass(self, inertia: np.ndarray) -> float:
         """Return the largest mass of the passive coordinates, kg.
@@ -166,9 +166,9 @@ class Problem:
             inertia: (P, P) or more, of them and then of the joints.
         """
         own = inertia.diagonal()[: len(self.w)]
-        if self.turns.all():
+        if self.is_moment.all():
             return float(own.max()) / self.length**2
-        return float(own[~self.turns].max())
+        return float(own[~self.is_moment].max())
 
     @property
     def is_round(self) -> bool:
@@ -191,12 +191,12 @@ class Problem:
         return np.linalg.norm(self.v, axis=1) > _AT_REST
 
     @cached_property
-    def cone(self) -> np.ndarray:
+    def has_cone(self) -> np.ndarray:
         """(M,) contacts with a friction cone."""
         return ~self.slides & (self.mu > 0.0)
 
     @cached_property
-    def directions(self) -> np.ndarray:
+    def kinetic_directions(self) -> np.ndarray:
         """(M, 3) force per newton of normal force where there is no cone, n - mu v / |v|."""
         if self.kinetic is not None:
             return self.frames[:, 0] + np.einsum("lj,ljk->lk", self.kinetic, self.frames[:, 1:])
@@ -207,7 +207,7 @@ class Problem:
     @cached_property
     def candidates(self) -> np.ndarray:
         """(M,) contacts that a mode may select."""
-        return self.cone | self.slides if self.constrained else self.cone
+        return self.has_cone | self.slides if self.constrained else self.has_cone
 
     @cached_property
     def length(self) -> float:
@@ -215,8 +215,10 @@ class Problem:
 
         Of a stated map it is the longest lever of a load in N m: three entries at a contact.
         """
-        if self.given is not None:
-            longest = float(np.linalg.norm(self.given, axis=1)[:, self.turns].max(initial=0.0))
+        if self.stated_map is not None:
+            longest = float(
+                np.linalg.norm(self.stated_map, axis=1)[:, self.is_moment].max(initial=0.0)
+            )
             force, moment = self._load_sizes
             return longest or (moment / force if force > 0.0 and moment > 0.0 else 1.0)
         farthest = float(np.linalg.norm(self.p - self.p.mean(axis=0), axis=1).max())
@@ -242,8 +244,8 @@ class Problem:
 
         Beside a stated map, of all loads in N and of all in N m.
         """
-        if self.given is not None:
-            parts = self.w[~self.turns], self.w[self.turns]
+        if self.stated_map is not None:
+            parts = self.w[~self.is_moment], self.w[self.is_moment]
             return float(np.linalg.norm(parts[0])), float(np.linalg.norm(parts[1]))
         moment = self.w[3:] - np.cross(self.p.mean(axis=0), self.w[:3])
         return float(np.linalg.norm(self.w[:3])), float(np.linalg.norm(moment))
@@ -288,7 +290,7 @@ class Problem:
         if self.own is not None:
             return self.own.force_curvature
         curved = np.ones((self.count, 3))
-        curved[:, 0] = np.where(self.cone, 1.0, (self.directions**2).sum(axis=1))
+        curved[:, 0] = np.where(self.has_cone, 1.0, (self.kinetic_directions**2).sum(axis=1))
         return self.epsilon * self.unit / self.force**2 * curved
 
     def has_normal_rows(self, name: str) -> bool:
@@ -301,7 +303,7 @@ class Problem:
         if self.own is not None:
             least, most = self.own.normal_range
             return np.maximum(least, 0.0), np.minimum(most, self.limit)
-        return np.where(self.cone, 0.0, self.e0), self.limit - self.e0
+        return np.where(self.has_cone, 0.0, self.e0), self.limit - self.e0
 
     @cached_property
     def face_margins(self) -> np.ndarray:
@@ -380,9 +382,9 @@ class Forces:
         mu = self._problem.mu
         if self._problem.is_round:
             away = np.linalg.norm(self.local[:, 1:], axis=1) - mu * self.local[:, 0]
-            return np.where(self._problem.cone, away / np.sqrt(1.0 + mu**2), -np.inf)
+            return np.where(self._problem.has_cone, away / np.sqrt(1.0 + mu**2), -np.inf)
         outside = np.full(self._problem.count, -np.inf)
-        for c in np.flatnonzero(self._problem.cone).tolist():
+        for c in np.flatnonzero(self._problem.has_cone).tolist():
             outside[c] = (self._problem.faces(c) @ self.local[c]).max()
         return outside
 

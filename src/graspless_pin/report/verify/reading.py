@@ -54,8 +54,8 @@ def read_problem(document: object) -> Problem:
         upper=np.where(np.isnan(upper), np.inf, upper),
         gravity=stacked(joints, "torque_gravity"),
         units=tuple(joint["unit"] for joint in joints),
-        turns=turns,
-        given=given_map,
+        is_moment=turns,
+        stated_map=given_map,
         algorithm=algorithm,
         e0=stated["required_margin"],
         by_limits=stated["scale"] == "limits" and algorithm == "torque",
@@ -131,7 +131,7 @@ def _check_cones(problem: Problem, cones: list[tuple[np.ndarray, np.ndarray]]) -
     most = problem.mu * (1.0 + tolerances.SAME)
     for index in range(problem.count):
         where, corners, kinetic = f"contact {index}", *cones[index]
-        if not problem.cone[index]:
+        if not problem.has_cone[index]:
             along = float(problem.frames[index, 1:] @ problem.v[index] @ kinetic)
             if np.linalg.norm(kinetic) > most[index] or along > 0.0:
                 raise ValueError(f"kinetic_friction of {where} is too large, or along its sliding")
@@ -242,10 +242,10 @@ def _stated_values(given: object, problem: Problem, where: str) -> dict[str, np.
 def _existing_constraints(problem: Problem) -> dict[str, np.ndarray]:
     """Return which constraints the program has, by attribute: only their multipliers count."""
     (up, down), own, absent = problem.share_torques, problem.own, np.zeros(0, dtype=bool)
-    cone = problem.cone[:, None]
+    cone = problem.has_cone[:, None]
     return {
         "normal_upper": np.full(problem.count, problem.has_normal_rows("normal_upper")),
-        "normal_lower": ~problem.cone & problem.has_normal_rows("normal_lower"),
+        "normal_lower": ~problem.has_cone & problem.has_normal_rows("normal_lower"),
         "torque_upper": np.isfinite(problem.upper),
         "torque_lower": np.isfinite(problem.lower),
         "share_upper": up > 0.0,

@@ -370,7 +370,7 @@ class _GrowthProof:
         problem, hybrid = self.bodies.problem, self.bodies.hybrid
         rows = contact_motion(problem)
         still = np.ones((problem.count, 3), dtype=bool)
-        still[:, 1:] = problem.cone[:, None]
+        still[:, 1:] = problem.has_cone[:, None]
         still[hybrid[hybrid >= 0], 0] = False
         if self.bodies.rest_violation(self.forces) > tolerances.SHARE:
             return "the forces are none of rest"

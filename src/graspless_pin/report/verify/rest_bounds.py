@@ -58,8 +58,8 @@ class RestDynamics:
         accelerations: (P + L, n) H C^-T, zero for hybrid fingers' columns.
         points: (M + k, 3, n) from y to accelerations, m/s^2, of `Problem.points`.
         passive: P.
-        spread: (n,) s, what theta from 0 to 1 adds to the load; zero: there is one load.
-        aside: (n,) w, the free motion of joints, which y and the load are without.
+        load_change: (n,) s, what theta from 0 to 1 adds to the load; zero: there is one load.
+        free_motion: (n,) w, the free motion of joints, which y and the load are without.
     """
 
     rows: np.ndarray
@@ -71,8 +71,8 @@ class RestDynamics:
     accelerations: np.ndarray
     points: np.ndarray
     passive: int
-    spread: np.ndarray
-    aside: np.ndarray
+    load_change: np.ndarray
+    free_motion: np.ndarray
 
     @property
     def reach(self) -> float:
@@ -84,7 +84,7 @@ class RestDynamics:
         load = np.zeros_like(self.load)
         if other is not None:
             load = other.force_unit / self.force_unit * other.load
-        return replace(self, spread=load - self.load)
+        return replace(self, load_change=load - self.load)
 
 
 def contact_motion(problem: Problem) -> np.ndarray:
@@ -94,7 +94,7 @@ def contact_motion(problem: Problem) -> np.ndarray:
     motion.
     """
     motion = problem.frames @ np.concatenate([problem.passive, -problem.J], axis=2)
-    if problem.given is not None:
+    if problem.stated_map is not None:
         size = np.linalg.norm(motion, axis=1, keepdims=True)
         motion[np.abs(motion) <= tolerances.PRODUCT * size] = 0.0
     return motion
@@ -103,7 +103,7 @@ def contact_motion(problem: Problem) -> np.ndarray:
 def force_motion(problem: Problem) -> np.ndarray:
     """(M, 3, P + L) G for forces: along n - mu v/|v| and zeros where a contact slides."""
     motion, slides = contact_motion(problem), problem.slides
-    along = np.einsum("lij,lj->li", problem.frames, problem.directions)[slides]
+    along = np.einsum("lij,lj->li", problem.frames, problem.kinetic_directions)[slides]
     motion[slides, 0] = np.einsum("li,lik->lk", along, motion[slides])
     motion[slides, 1:] = 0.0
     return motion
@@ -178,7 +178,7 @@ def without_free_joints(
         force_limit: Normal forces are at most this, scaled.
     """
     passive, size = dynamics.passive, len(dynamics.load)
-    if size == passive or dynamics.spread.any():
+    if size == passive or dynamics.load_change.any():
         return dynamics
     rows = dynamics.rows[~opened].reshape(-1, size)
     rows = np.concatenate([rows, dynamics.accelerations[:passive]])
@@ -188,7 +188,7 @@ def without_free_joints(
     free = turns[int((sizes > tolerances.FREE_RANK * sizes.max()).sum()) :]
     w = free.T @ (free @ dynamics.load)
     w[np.abs(w) < tolerances.FREE_ENTRY * np.abs(w).max()] = 0.0
-    changed = replace(dynamics, load=dynamics.load - w, aside=w)
+    changed = replace(dynamics, load=dynamics.load - w, free_motion=w)
     if (
         np.linalg.norm(w) <= tolerances.LEAST_ASIDE
         or leaked_power(changed, opened, force_limit) >= _LEAK * still
@@ -199,7 +199,7 @@ def without_free_joints(
 
 def leaked_power(dynamics: RestDynamics, opened: np.ndarray, force_limit: float) -> float:
     """Return the largest power of contacts that are not open along the separated motion, scaled."""
-    w, rows = dynamics.aside.astype(_LONG), dynamics.rows[~opened].astype(_LONG)
+    w, rows = dynamics.free_motion.astype(_LONG), dynamics.rows[~opened].astype(_LONG)
     moved = np.abs(rows @ w) + tolerances.rounding_error(np.abs(rows) @ np.abs(w))
     share = np.sqrt(1.0 + dynamics.friction[~opened] ** 2)
     return float(force_limit * (share * np.linalg.norm(moved, axis=1)).sum())
@@ -242,7 +242,7 @@ class KnownStates:
     patches: tuple[PatchSlip, ...] = ()
 
     @classmethod
-    def unknown(cls, count: int) -> KnownStates:
+    def all_free(cls, count: int) -> KnownStates:
         """Return the states of all outcomes."""
         zeros = np.zeros(count)
         whole, none = np.full(count, np.pi), np.zeros(count, dtype=bool)
@@ -252,7 +252,7 @@ class KnownStates:
         """Return which contacts are in one of some states, (M,)."""
         return np.array([kind in kinds for kind in self.kinds])
 
-    def changed(
+    def with_state(
         self, contact: int, kind: Kind, arc: tuple[float, float] = (0.0, np.pi), most: float = 0.0
     ) -> KnownStates:
         """Return these states with one contact's replaced.
@@ -275,7 +275,7 @@ class KnownStates:
         allowed[contact] = max(float(allowed[contact]), most)
         return replace(changed, **{name: allowed})
 
-    def known(self, patch: PatchSlip) -> PatchSlip | None:
+    def known_slip(self, patch: PatchSlip) -> PatchSlip | None:
         """Return the known slip of a patch; None: nothing is known."""
         return next((one for one in self.patches if one.contacts == patch.contacts), None)
 
@@ -370,11 +370,11 @@ def largest_goal(
     kappa = multipliers.tangential.astype(_LONG)
     slope = q + rows @ motion, np.abs(q) + np.abs(rows) @ np.abs(motion)
     pushed = largest_force_terms(dynamics, states, half_width, slope, q[:, 0], loads, force_limit)
-    towards = np.maximum(motion @ dynamics.spread, 0.0)
+    towards = np.maximum(motion @ dynamics.load_change, 0.0)
     parting = np.maximum(-nu, 0.0) * states.parts
     slipping = (np.linalg.norm(kappa, axis=1) * states.slips)[sticks]
     bound = motion @ dynamics.load + pushed.sum() + towards + parting.sum() + slipping.sum()
-    size = np.abs(motion) @ (np.abs(dynamics.load) + np.abs(dynamics.spread))
+    size = np.abs(motion) @ (np.abs(dynamics.load) + np.abs(dynamics.load_change))
     size += np.abs(pushed).sum() + parting.sum() + slipping.sum()
     # beta mu f_n |u_t| covers -kappa.u_t, or the longest slip does, since |y| <= 1.
     wrong = np.where(sticks, 0.0, np.maximum(-least_product(kappa, center, half_width), 0.0))
@@ -383,10 +383,10 @@ def largest_goal(
     size += np.abs(p).sum() + np.abs(motion).sum() + np.abs(nu) @ np.abs(rows[:, 0]).sum(axis=1)
     size += (np.abs(kappa)[:, :, None] * np.abs(rows[:, 1:])).sum()
     size += np.where(sticks, 0.0, np.linalg.norm(kappa, axis=1)) @ lengths
-    bound += (v + motion) @ dynamics.aside
-    size += (np.abs(v) + np.abs(motion)) @ np.abs(dynamics.aside)
+    bound += (v + motion) @ dynamics.free_motion
+    size += (np.abs(v) + np.abs(motion)) @ np.abs(dynamics.free_motion)
     opened = states.is_in(Kind.OPEN)
-    leak = leaked_power(dynamics, opened, force_limit) if dynamics.aside.any() else 0.0
+    leak = leaked_power(dynamics, opened, force_limit) if dynamics.free_motion.any() else 0.0
     least = np.where(np.isfinite(dynamics.commanded), dynamics.commanded, loads)
     bound += _power_bound(wrong, mu * least, wrong * lengths, v, dynamics.load, leak)
     return float(bound + tolerances.rounding_error(size))

@@ -132,7 +132,7 @@ class RestLoad:
 
     def kinetic_friction_error(self, local: np.ndarray) -> float:
         """Return the largest distance of friction from opposing the declared sliding, N."""
-        along = np.einsum("lij,lj->li", self.problem.frames, self.problem.directions)
+        along = np.einsum("lij,lj->li", self.problem.frames, self.problem.kinetic_directions)
         off = np.linalg.norm(local - local[:, :1] * along, axis=1)
         return float(off[self.problem.slides].max(initial=0.0))
 
@@ -194,7 +194,7 @@ def read_load(document: object, problem: Problem) -> RestLoad:
     size = np.sqrt(np.abs(np.outer(inertia.diagonal(), inertia.diagonal())))
     if (np.abs(inertia - inertia.T) > tolerances.SAME * size).any():
         raise ValueError("object_inertia and joint_inertia must be symmetric")
-    if problem.given is None:
+    if problem.stated_map is None:
         _check_mass(stated, own)
     return RestLoad(problem, load, inertia, hybrid)
 

@@ -165,7 +165,7 @@ class RestWalk:
         Raises:
             NoProofError: If they leave out outcomes.
         """
-        if self._visit(root, KnownStates.unknown(len(self.dynamics.rows)), self.loads):
+        if self._visit(root, KnownStates.all_free(len(self.dynamics.rows)), self.loads):
             raise NoProofError("what some nodes pass over is in no other")
 
     def _visit(
@@ -194,7 +194,7 @@ class RestWalk:
             node.children, key=lambda one: one.kind in (Kind.CLOSED, Kind.STICKING)
         ):
             allowed = needed.pop((child.contact, child.kind), 0.0)
-            changed = states.changed(child.contact, child.kind, child.arc, allowed)
+            changed = states.with_state(child.contact, child.kind, child.arc, allowed)
             for key, value in self._visit(child, changed, loads).items():
                 needed[key] = max(needed.get(key, 0.0), value)
         return needed
@@ -206,7 +206,7 @@ class RestWalk:
         first = patches[0]
         if len(patches) < len(node.children):
             raise NoProofError(f"children of one node are of contact {first.contacts[0]} alone")
-        why = uncovered_motions(patches, states.known(first))
+        why = uncovered_motions(patches, states.known_slip(first))
         if why:
             raise NoProofError(f"the patch of contact {first.contacts[0]}: {why}")
         allowed, needed = slip_tolerance(self.still), dict[tuple[int, str], float]()
@@ -238,7 +238,7 @@ class RestWalk:
         own = self._dynamics_in(states)
         goal = own.load, np.zeros(own.rows.shape[:2])
         proven = largest_goal(own, states, loads, node.bound, goal, self.force_limit)
-        if own.aside.any():
+        if own.free_motion.any():
             proven += leaked_power(own, states.is_in(Kind.OPEN), self.force_limit)
         self.leaves += 1
         self.bound = max(self.bound, proven) if np.isfinite(proven) else np.inf
@@ -279,7 +279,7 @@ class RestWalk:
             raise NoProofError(f"contact {contact} is not proven to be {child.kind}")
         if _PASSED_OVER.get(known) == child.kind and not child.children and child.bound is None:
             return {(contact, child.kind): tolerance}
-        return self._visit(child, states.changed(contact, child.kind, most=tolerance), loads)
+        return self._visit(child, states.with_state(contact, child.kind, most=tolerance), loads)
 
 
 def _count_kept_leaves(
@@ -322,7 +322,7 @@ def _count_kept_leaves(
         raise NoProofError(f"contact {contact}: {why}")
     leaves = 0
     for child in node.children:
-        own = states.changed(contact, child.kind, child.arc)
+        own = states.with_state(contact, child.kind, child.arc)
         leaves += _count_kept_leaves(child, own, proven, dynamics, goals, force_limit)
     return leaves
 
@@ -397,7 +397,7 @@ def stated_loads(
         if proof["loads"]:
             raise ValueError(f"loads of {proof.where} need inertias")
         return loads, checks
-    unit, states = dynamics.force_unit, KnownStates.unknown(bodies.problem.count)
+    unit, states = dynamics.force_unit, KnownStates.all_free(bodies.problem.count)
     for contact, force, multipliers in _read_loads(proof.with_sizes(n=len(dynamics.load))):
         found = unit * least_force(
             dynamics, states, loads / unit, (contact, multipliers), limit / unit
@@ -471,7 +471,7 @@ def kept_tree_check(
     still, most_force = limits
     goals, unknown = (
         declared_motion_goals(dynamics, problem, still),
-        KnownStates.unknown(problem.count),
+        KnownStates.all_free(problem.count),
     )
     reach, root = most_force / dynamics.force_unit, read_rest_tree(proof, dynamics)
     try:

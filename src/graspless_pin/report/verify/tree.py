@@ -33,7 +33,7 @@ _RELEASED = _PAIRS[0]
 
 
 @dataclass(frozen=True, eq=False)
-class State:
+class ModeSet:
     """A set of modes: what each contact may do in it, whatever the others do.
 
     Attributes:
@@ -46,7 +46,7 @@ class State:
     free: bool = False
 
     @classmethod
-    def every_mode(cls, problem: Problem, *, free: bool) -> State:
+    def every_mode(cls, problem: Problem, *, free: bool) -> ModeSet:
         """Return all modes that the rules allow; ``free``: all friction, without any rule."""
         allowed = np.ones((problem.count, 3, 3), dtype=bool)
         if problem.sign_rule != "exact":
@@ -56,7 +56,7 @@ class State:
         return cls(allowed, free)
 
     @classmethod
-    def one_mode(cls, problem: Problem, selected: np.ndarray, signs: np.ndarray) -> State:
+    def one_mode(cls, problem: Problem, selected: np.ndarray, signs: np.ndarray) -> ModeSet:
         """Return the set of one mode."""
         allowed = np.zeros((problem.count, 3, 3), dtype=bool)
         allowed[np.arange(problem.count), *(np.where(selected, signs.T, 0) + 1)] = True
@@ -77,7 +77,7 @@ class State:
         """(M, 2, 2) whether friction may be negative, positive: opposite to the sliding."""
         return self.signs[:, :, [2, 0]] | self.free
 
-    def only(self, contact: int, pairs: np.ndarray) -> State | None:
+    def restricted_to(self, contact: int, pairs: np.ndarray) -> ModeSet | None:
         """Return its modes in which a contact has one of some sign pairs; None: there are none.
 
         Args:
@@ -134,7 +134,7 @@ def motion_check(problem: Problem, u: np.ndarray, selected: np.ndarray, signs: n
 
 
 @dataclass
-class Proof:
+class TreeProof:
     """What a tree proves.
 
     Attributes:
@@ -165,13 +165,13 @@ class TreeWalk:
     problem: Problem
     reach: float
 
-    def walk(self, nodes: list[Part], root: State) -> Proof:
+    def walk(self, nodes: list[Part], root: ModeSet) -> TreeProof:
         """Return what the nodes prove of a set of modes.
 
         Raises:
             ValueError: If a node is invalid.
         """
-        proof, waiting, failure = Proof(), [root], ""
+        proof, waiting, failure = TreeProof(), [root], ""
         for number, node in enumerate(nodes):
             if not waiting:
                 proof.failure = f"{len(nodes) - number} nodes are left over"
@@ -201,7 +201,7 @@ class TreeWalk:
             proof.failure = f"{len(waiting)} parts of the modes have no node"
         return proof
 
-    def _leaf_bound(self, node: Part, state: State) -> tuple[float, float]:
+    def _leaf_bound(self, node: Part, state: ModeSet) -> tuple[float, float]:
         """Return the bound of a leaf's multipliers, and the violation if they refute all forces."""
         problem, reach, free = self.problem, self.reach, state.friction
         m = stated_multipliers(node["multipliers"].stated, problem, node.where)
@@ -226,7 +226,7 @@ class TreeWalk:
         )
         return left[:, values > tolerances.RANK * max(1.0, float(values.max()))]
 
-    def _excludes(self, v: np.ndarray, state: State) -> bool:
+    def _excludes(self, v: np.ndarray, state: ModeSet) -> bool:
         """Return whether a combination (M, 3) proves that no motion counts for any mode."""
         chosen, allowed = state.selected[:, None], state.signs
         known = chosen & (allowed.sum(axis=2) == 1)
@@ -243,19 +243,19 @@ class TreeWalk:
         seen = np.linalg.norm(self._basis.T @ flat) + tolerances.PROJECTED * np.linalg.norm(flat)
         return weight > 0.0 and bool(seen < tolerances.SLOWEST * weight)
 
-    def _conflict_children(self, node: Part, state: State) -> list[State] | None:
+    def _conflict_children(self, node: Part, state: ModeSet) -> list[ModeSet] | None:
         """Return the children of a conflict: each obeys the items before its own and violates that.
 
         None if the items do not exclude each other.
         """
-        children: list[State | None] = []
-        rest: State | None = state
+        children: list[ModeSet | None] = []
+        rest: ModeSet | None = state
         for contact, component, sign in node["items"]:
             if rest is None:
                 break
             pairs = pairs_with(component, sign) if sign else ~_RELEASED
-            children.append(rest.only(contact, ~pairs))
-            rest = rest.only(contact, pairs)
+            children.append(rest.restricted_to(contact, ~pairs))
+            rest = rest.restricted_to(contact, pairs)
         sets = [] if rest is None else _conflict_sets(node, rest)  # none: no mode obeys all items
         if rest is not None:
             combinations = node["combinations"]
@@ -264,7 +264,7 @@ class TreeWalk:
         return [child for child in children if child is not None]
 
 
-def _conflict_sets(node: Part, remaining: State) -> list[State]:
+def _conflict_sets(node: Part, remaining: ModeSet) -> list[ModeSet]:
     """Return the set that obeys all items, or one for each sign of the component left open."""
     opened = node.get("open")
     if opened is None:
@@ -272,19 +272,19 @@ def _conflict_sets(node: Part, remaining: State) -> list[State]:
     contact, component = opened
     if not remaining.selected[contact]:
         return []
-    sets = [remaining.only(contact, pairs_with(component, sign)) for sign in _SIGNS]
+    sets = [remaining.restricted_to(contact, pairs_with(component, sign)) for sign in _SIGNS]
     return [part for part in sets if part is not None]
 
 
-def _contact_children(node: Part, state: State) -> list[State]:
+def _contact_children(node: Part, state: ModeSet) -> list[ModeSet]:
     """Return the children of a contact: not selected, and selected with each pair of signs."""
-    children = [state.only(node["contact"], pair) for pair in _PAIRS]
+    children = [state.restricted_to(node["contact"], pair) for pair in _PAIRS]
     return [child for child in children if child is not None]
 
 
 def root_state(
     problem: Problem, status: str, mode: tuple[np.ndarray, np.ndarray] | None = None
-) -> State:
+) -> ModeSet:
     """Return the set of modes that the proof of an answer has to cover.
 
     Args:
@@ -293,8 +293,8 @@ def root_state(
         mode: Selection and signs, where the proof is of one mode.
     """
     if status in IN_MODE and mode is not None:
-        return State.one_mode(problem, *mode)
-    return State.every_mode(problem, free=problem.coulomb or status == "infeasible_forces")
+        return ModeSet.one_mode(problem, *mode)
+    return ModeSet.every_mode(problem, free=problem.coulomb or status == "infeasible_forces")
 
 
 def proven_violation(document: dict[str, Any]) -> float:

@@ -253,7 +253,7 @@ def _read_member(stated: Part, problem: Problem) -> Member:
         raise ValueError(f"torque_factors of {stated.where} must be positive")
     if stated.get("moved") is None:
         found |= {"moved": np.zeros_like(problem.p), "jacobian": problem.J}
-    elif problem.given is not None:
+    elif problem.stated_map is not None:
         raise ValueError(f"{stated.where} has contacts moved, and the document a wrench_matrix")
     else:
         found |= {key: stated[key] for key in ("moved", "jacobian")}
@@ -394,7 +394,7 @@ class AffineForces:
         slopes = np.einsum("lij,ljd->lid", own.frames, self.slopes[k])
         deviation, normal = self.largest_value(slopes[:, 0]), local[:, 0]
         least = [float((normal - deviation).min()), float((own.limit - normal - deviation).min())]
-        for c in np.flatnonzero(own.cone).tolist():
+        for c in np.flatnonzero(own.has_cone).tolist():
             rows = own.faces(c)
             least.append(-float((rows @ local[c] + self.largest_value(rows @ slopes[c])).max()))
         return min(least)
@@ -441,7 +441,7 @@ class AffineForces:
     def _excess_without_cone(self, k: int) -> float:
         """Return the largest distance of forces without a cone from their direction, N."""
         own = replace(self.problem, mu=self.members[k]["friction"])
-        along, off = own.directions, ~own.cone
+        along, off = own.kinetic_directions, ~own.has_cone
         normals = own.frames[:, 0]
         apart = self.forces[k] - along * (normals * self.forces[k]).sum(axis=1)[:, None]
         turned = np.einsum("lj,ljd->ld", normals, self.slopes[k])
