@@ -102,7 +102,7 @@ def tray() -> Task:
 
 
 def crate() -> Task:
-    """Two Pandas carry a crate over a wall; states are x, y, z, m, and the pitch, rad."""
+    """Two Pandas carry a crate through a window; states are x, y, z, m, and the pitch, rad."""
     scene = load_scene(ROOT / "benchmarks" / "two_pandas_carry_crate.yaml")
     arms, T = TwoArms(scene), scene.object.T_world_object
     pitch = float(np.arctan2(T[0, 2], T[0, 0]))
