@@ -91,7 +91,14 @@ def test_force_bounds(index: int):
     np.testing.assert_array_equal(bounds.indeterminate[clear], width[clear] > threshold)
     smallest = min((problem.max_normal_force - upper[:, 0]).min(), (-near).min())
     assert close(bounds.smallest_margin, smallest)
-    assert close(bounds.largest_margin, max(forces.best_case()[0] for forces in sets))
+    largest = max(forces.best_case()[0] for forces in sets)
+    assert close(bounds.largest_margin, largest)
+
+    margins = contact_force_bounds(problem, torques, ranges=False, **options_of(index))
+    assert margins.status is Status.OPTIMAL
+    assert close([margins.smallest_margin, margins.largest_margin], [smallest, largest])
+    assert np.isnan(margins.lower[~margins.proven]).all()
+    assert close(margins.upper[margins.proven], upper[margins.proven])
 
 
 @pytest.mark.sampled(5)

@@ -189,7 +189,8 @@ def test_a_margin_is_proven_where_every_distance_and_range_that_it_rests_on_is(m
     assert not margin(0, every).proven and not margin(1, every).proven
     one_open = every.copy()
     one_open[-2, 0] = False
-    assert not margin(-1, one_open).proven
+    assert margin(-1, one_open) == pytest.approx(whole, abs=TIGHT)
+    assert not margin(0, one_open).proven
 
 
 def test_torques_whose_modes_no_solver_decides_on(monkeypatch, torques):

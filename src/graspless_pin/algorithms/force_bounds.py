@@ -83,10 +83,7 @@ class ForceExtremes:
     """
 
     def __init__(
-        self,
-        problem: QuasistaticProblem,
-        torques: FloatArray,
-        options: SolveOptions,
+        self, problem: QuasistaticProblem, torques: FloatArray, options: SolveOptions
     ) -> None:
         """Look for a mode that balances the torques (L,), N m; the time of all searches begins."""
         self.limits, self.options = Limits.from_options(options), options
@@ -147,12 +144,10 @@ class ForceExtremes:
     ) -> Extreme:
         """Return the smallest margin: the least of linear distances to faces and round cones.
 
-        Branch and bound over surfaces. It starts from the least margin of the forces that searches
-        for the component ranges found. The bound of a surface is its least distance over the box of
-        these ranges. Round cones are split into sectors, to 1e-6 of the load.
+        Branch and bound over surfaces, from the least margin that was reached, with bounds over the
+        box of proven ranges. Round cones are split into sectors, to 1e-6 of the load.
         """
-        margin, complete = float((self.problem.max_normal_force - upper[:, 0]).min()), True
-        margin = min([margin, *(max(self._margin(x), 0.0) for x in self.reached)])
+        margin, complete = self.least_margin(), True
         low, high = np.zeros(self.rows.size), np.zeros(self.rows.size)
         cones = self.problem.has_cone
         sure = np.where(proven, lower, -np.inf), np.where(proven, upper, np.inf)
@@ -161,6 +156,10 @@ class ForceExtremes:
             end[self.coordinates.tangent_columns[cones]] = bounds[cones, 1:]
         force = self.coordinates.force_scale
         gap, rounding = _SECTOR_GAP * force, _ROUNDING * force
+        limits = self.problem.max_normal_force
+        for at in np.flatnonzero(limits - sure[1][:, 0] < margin - rounding).tolist():
+            most = self.largest(self.component(at, 0), above=float(limits[at]) - margin)
+            margin, complete = float(limits[at]) - most.value, complete and most.proven
 
         def box_bound(surface: _Surface) -> float:
             distance = surface.distance
@@ -187,7 +186,7 @@ class ForceExtremes:
             for half in surface.sector.halves:
                 narrower = self._tangent_plane(surface.contact, half)
                 search.add([narrower], max(box_bound(narrower), least))
-        return Extreme(margin, complete and bool(proven[:, 0].all()))
+        return Extreme(margin, complete)
 
     def largest_margin(self) -> Extreme:
         """Return the largest margin over all modes, normal-force limits included."""
@@ -199,6 +198,12 @@ class ForceExtremes:
                 if self.proven:
                     return Extreme(-self.coordinates.force_scale * best.value, proven=True)
         return Extreme(max(self._margin(x) for x in self.reached), proven=False)
+
+    def least_margin(self) -> float:
+        """Return the smallest margin of the forces that were reached, N: of cones zero at least."""
+        most = self.coordinates.force_scale * np.max(self.reached, axis=0)
+        below = self.problem.max_normal_force - most[self.coordinates.normal_columns]
+        return min(float(below.min()), max(min(map(self._margin, self.reached)), 0.0))
 
     def _surfaces(self) -> list[_Surface]:
         """Return all surfaces that bound the margin, except the normal-force limits."""
@@ -290,17 +295,12 @@ class ForceExtremes:
 
     def _has_rays(self) -> bool:
         """Return whether the force set without modes may be unbounded."""
-        answer = solve(
-            self.rays.with_costs(-self.rows.normal_rows.sum(axis=0)).program, self.options.solver
-        )
+        pressing = self.rays.with_costs(-self.rows.normal_rows.sum(axis=0))
+        answer = solve(pressing.program, self.options.solver)
         return answer.outcome is not Outcome.SOLVED or answer.value < -_LEAST_RAY_GROWTH
 
     def _search_modes(
-        self,
-        formulation: Formulation,
-        *,
-        cutoff: float = np.inf,
-        node_limit: int | None = None,
+        self, formulation: Formulation, *, cutoff: float = np.inf, node_limit: int | None = None
     ) -> tuple[Status, SearchState]:
         own = self.limits if node_limit is None else replace(self.limits, node_limit=node_limit)
         state = SearchState(replace(formulation, cutoff=cutoff), self.options, own)
@@ -362,8 +362,7 @@ class ContactForceBounds(Brief):
     @property
     def message(self) -> str:
         """The status in words: here forces have no limit, and no margin is required."""
-        is_infeasible = self.status is Status.INFEASIBLE_FORCES
-        return _NO_FORCES if is_infeasible else self.status.message
+        return _NO_FORCES if self.status is Status.INFEASIBLE_FORCES else self.status.message
 
     @property
     def indeterminate(self) -> NDArray[np.bool_]:
@@ -390,8 +389,8 @@ class ContactForceBounds(Brief):
         who = "contacts" if rows[free].any() else "the supports"
         if bodies is not None:
             who = " and ".join(dict.fromkeys(bodies[contact] for contact in free))
-        listed = ", ".join(str(contact) for contact in free[:-1])
-        listed += f" and {free[-1]}" if listed else str(free[-1])
+        *first, last = map(str, free)
+        listed = f"{', '.join(first)} and {last}" if first else last
         noun = "contact" if len(free) == 1 else "contacts"
         return f"{who} may squeeze the object with any force: {noun} {listed}"
 
@@ -436,6 +435,8 @@ class ContactForceBounds(Brief):
 def contact_force_bounds(
     problem: QuasistaticProblem,
     torques: ArrayLike,
+    *,
+    ranges: bool = True,
     **options: Unpack[SolveKeywords],
 ) -> ContactForceBounds:
     """Bound the contact forces that may result from given motor torques, eq. (32).
@@ -451,6 +452,8 @@ def contact_force_bounds(
         problem: Contacts, wrench and joints.
         torques: (L,) motor torques J^T f + g, N m; for example `TorqueSolution.torques`. Those of
             joints that move no contact bear no force and do not count.
+        ranges: Whether to search for all ranges. Else, which is faster, for those alone that the
+            smallest margin rests on: others may be NaN, and the status is that of the margins.
         options: See `SolveOptions.parse`. A limit returns what was reached, with LIMIT_REACHED, or
             NOT_FOUND_IN_LIMIT if no mode that balances the torques was found before.
 
@@ -473,23 +476,23 @@ def contact_force_bounds(
     checked_problem(problem)
     given = finite_array("torques", torques, (problem.joint_count,))
     search = ForceExtremes(problem, given, how)
-    status, count = search.status, problem.contact_count
-    lower, upper = np.full((count, 3), np.nan), np.full((count, 3), np.nan)
-    proven = np.zeros((count, 3), dtype=bool)
-    margins = np.nan, np.nan
+    status, shape = search.status, (problem.contact_count, 3)
+    lower, upper, margins = np.full(shape, np.nan), np.full(shape, np.nan), (np.nan, np.nan)
+    proven = np.zeros(shape, dtype=bool)
     if status in FOUND:
         # First, as its optimum counts as reached in the searches below.
         largest = search.largest_margin()
-        for contact in range(count):
-            for component in range(3):
-                at = contact, component
-                direction = search.component(contact, component)
-                least, most = search.largest(-direction), search.largest(direction)
-                lower[at], upper[at] = -least.value, most.value
-                proven[at] = least.proven and most.proven
+        for at in np.ndindex(shape):
+            # No forces inside cones have less than zero, and limits need no ranges.
+            if not ranges and search.least_margin() <= _ROUNDING * problem.scales.force:
+                break
+            direction = search.component(*at)
+            least, most = search.largest(-direction), search.largest(direction)
+            lower[at], upper[at] = -least.value, most.value
+            proven[at] = least.proven and most.proven
         smallest = search.smallest_margin(lower, upper, proven)
         margins = smallest.value, largest.value
-        complete = proven.all() and smallest.proven and largest.proven
+        complete = (proven.all() or not ranges) and smallest.proven and largest.proven
         status = Status.OPTIMAL if complete else Status.LIMIT_REACHED
     return ContactForceBounds(
         status, read_only(lower), read_only(upper), read_only(proven), *margins, given, problem,

@@ -345,13 +345,14 @@ def proven_answer(answer: RobustAnswer) -> RobustAnswer:
 
 
 def _force_bounds(scene: Scene, solution: TorqueSolution) -> ContactForceBounds | None:
-    """Return the contact force bounds (32) under the torques, within limits of nodes and time."""
+    """Return the margins (32) under the torques, within limits of nodes and time."""
     if solution.rules.sign is SignRule.DIRECTION:
         return None
     with waiting_for("looking for the margin at worst"):
         return contact_force_bounds(
             rest_problem(scene, solution.problem, solution.torques),
             solution.torques,
+            ranges=False,
             node_limit=_RANGE_NODES,
             time_limit=_RANGES_TIME,
             **solution.rules.options(),

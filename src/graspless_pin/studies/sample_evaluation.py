@@ -394,7 +394,7 @@ def _analysis_columns(study: Study, scene: Scene, solution: TorqueSolution) -> R
     limits = {name: scene.solve_options[name] for name in ("node_limit", "time_limit")}
     row: Row = {}
     if compute.force_bounds and solution.found:
-        bounds = contact_force_bounds(problem, solution.torques, **limits, **rules)
+        bounds = contact_force_bounds(problem, solution.torques, ranges=False, **limits, **rules)
         if bounds.status is Status.OPTIMAL:
             row |= {
                 "smallest_margin_N": float(bounds.smallest_margin),
