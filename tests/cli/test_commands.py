@@ -18,7 +18,7 @@ import trimesh
 from cli_tools import ALLEGRO, LINES, PAPER, ROOT, assert_refused, run, solve_text, spoilt
 from matplotlib.image import imread
 
-from graspless_pin import bounds, compiled, contact_force_bounds, load_scene
+from graspless_pin import Status, bounds, compiled, contact_force_bounds, load_scene
 from graspless_pin.cli import solve
 from graspless_pin.scene import scene_json_schema
 
@@ -66,7 +66,8 @@ def test_the_margin_at_worst_of_an_example_is_proven_on_any_machine(name, monkey
     solution = scene.solve()
     solve._force_bounds(scene, solution)
     del asked[0]["time_limit"]
-    assert contact_force_bounds(scene.problem(), solution.torques, **asked[0]).proven.all()
+    worst = contact_force_bounds(scene.problem(), solution.torques, **asked[0])
+    assert worst.status is Status.OPTIMAL
 
 
 def test_guaranteed_torques_state_what_they_cost_and_verify(tmp_path):

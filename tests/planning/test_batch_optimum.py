@@ -74,7 +74,7 @@ def test_an_evaluation_is_a_batch_of_one(algorithm, monkeypatch):
         evaluator.evaluate(q)
     searched, solved = [], StateSolver.posed_scene
     monkeypatch.setattr(
-        StateSolver, "posed", lambda *of, **how: searched.append(of) or solved(*of, **how)
+        StateSolver, "posed_scene", lambda *of, **how: searched.append(of) or solved(*of, **how)
     )
     for q in states:
         named = dict(zip(evaluator.joint_names, q.tolist(), strict=True))

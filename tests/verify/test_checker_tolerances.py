@@ -59,7 +59,7 @@ def test_tolerances_are_given_the_problem_alone():
         if one.__module__ == tolerances.__name__ and not name.startswith("_")
     }
     others = {name: names for name, names in own.items() if not set(names) <= PROBLEM}
-    assert others == {"lost": ["sizes"], "objective": ["problem", "sides"]}
+    assert others == {"rounding_error": ["sizes"], "objective": ["problem", "sides"]}
     assert len(own) > 8
 
 
