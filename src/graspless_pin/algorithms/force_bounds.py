@@ -329,10 +329,10 @@ class ContactForceBounds(Brief):
     See the example of `contact_force_bounds`.
 
     Attributes:
-        status: OPTIMAL where all is proven; LIMIT_REACHED where the time limit ended the search or
-            no solver answered some program; or why there is no range.
-        lower: (M, 3) smallest f_n, f_t1, f_t2, N; -inf where a free ray exists.
-        upper: (M, 3) largest f_n, f_t1, f_t2, N; inf where a free ray exists.
+        status: OPTIMAL where all that was searched for is proven; LIMIT_REACHED where a limit ended
+            the search or no solver answered some program; or why there is no range.
+        lower: (M, 3) smallest f_n, f_t1, f_t2, N; -inf where a free ray exists; NaN: not searched.
+        upper: (M, 3) largest f_n, f_t1, f_t2, N; inf where a free ray exists; NaN: not searched.
         proven: (M, 3) whether no feasible mode leads beyond either end. Elsewhere `lower` and
             `upper` were reached by forces that a feasible mode admits, and the range may be wider.
         smallest_margin: Smallest margin (N) that the torques can end up with; -inf where a
@@ -414,14 +414,14 @@ class ContactForceBounds(Brief):
 
     def _range_text(self, contact: int, component: int, rounding: float) -> str:
         at, load = (contact, component), self.problem.scales.force
-        mark = "" if self.proven[at] else _REACHED
-        ends = (decimals(float(one[at]), load, "+", rounding) for one in (self.lower, self.upper))
-        return f"{' .. '.join(ends)}{mark}"
+        if np.isnan(self.lower[at]):
+            return "not searched"
+        ends = (decimals(float(end[at]), load, "+", rounding) for end in (self.lower, self.upper))
+        return " .. ".join(ends) + ("" if self.proven[at] else _REACHED)
 
     def _margins_text(self) -> str:
         words = f"{self._margin_range_text()}, {self.covers}"
-        squeezed = self.squeeze_words()
-        return f"{words}\n{squeezed}" if squeezed else words
+        return "\n".join(filter(None, [words, self.squeeze_words()]))
 
     def _margin_range_text(self) -> str:
         ends, load = (self.smallest_margin, self.largest_margin), self.problem.scales.force
@@ -452,8 +452,8 @@ def contact_force_bounds(
         problem: Contacts, wrench and joints.
         torques: (L,) motor torques J^T f + g, N m; for example `TorqueSolution.torques`. Those of
             joints that move no contact bear no force and do not count.
-        ranges: Whether to search for all ranges. Else, which is faster, for those alone that the
-            smallest margin rests on: others may be NaN, and the status is that of the margins.
+        ranges: Whether to search for all ranges. If not, only those are searched for that prove
+            the smallest margin, in less time; others are NaN, and the status is of the margins.
         options: See `SolveOptions.parse`. A limit returns what was reached, with LIMIT_REACHED, or
             NOT_FOUND_IN_LIMIT if no mode that balances the torques was found before.
 
