@@ -49,8 +49,9 @@ def test_an_infeasible_one_says_why():
 
 def test_ranges_that_were_not_searched_for_are_no_figures():
     solution = solved(ALLEGRO, "torque", margin=0.4)[1]
-    text = str(contact_force_bounds(solution.problem, solution.torques, ranges=False))
-    assert "not searched" in text and "nan" not in text and "margin between 0 and 0.4 N" in text
+    margins = contact_force_bounds(solution.problem, solution.torques, ranges=False)
+    text = str(margins)
+    assert text.count("not searched") == np.isnan(margins.lower).sum() and "nan" not in text
 
 
 def test_zero_reads_as_zero():
