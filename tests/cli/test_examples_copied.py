@@ -30,7 +30,7 @@ def test_a_copy_with_its_files_is_the_same_scene(
     monkeypatch.chdir(tmp_path)
     result = run("example", name)
     assert result.exit_code == 0
-    assert f"now: graspless-pin solve {name}.yaml" in result.stdout
+    assert f"next: graspless-pin solve {name}.yaml" in result.stdout
     assert sum(path.is_file() for path in tmp_path.rglob("*")) == 2
     mine, theirs = load_scene(f"{name}.yaml").problem(), load_scene(EXAMPLES / f"{name}.yaml")
     np.testing.assert_array_equal(mine.jacobian, theirs.problem().jacobian)

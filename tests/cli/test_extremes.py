@@ -117,7 +117,7 @@ def test_outputs_that_no_file_can_have(tmp_path):
     scene.write_text(LINES, encoding="utf-8")
     study.write_text("scene: scene.yaml\nvary: {friction: {values: [0.3]}}\n", encoding="utf-8")
     result = run("study", study, "-o", tmp_path / (300 * "x" + ".csv"))
-    assert_refused(result, "its name has 304 bytes; give one of at most 220")
+    assert_refused(result, "its name has 304 bytes; it must have at most 220")
     for name, *options in (("report", "--no-ranges", "-o"), ("solve", "--json")):
         result = run(name, scene, "--no-verdict", *options, tmp_path / (300 * "x"))
         assert_refused(result, "cannot be written (File name too long)")
@@ -135,5 +135,5 @@ def test_many_findings_and_a_note_are_cut_to_two_kilobytes(capsys):
     said = capsys.readouterr().err
     assert len(said.encode()) < 2000
     assert said.count("steep-friction") >= 12
-    assert "findings more" in said
+    assert "more findings: see" in said
     assert said.splitlines()[-1].startswith("note: y")

@@ -77,13 +77,13 @@ def test_a_tendon_s_limits_are_written_as_the_file_has_them(ends: str, most: int
     assert hand is not None
     assert [limits[0] for limits in hand.effort_limits] == list(map(float, ends.split()))
     told = run("new", "hand.xml", "box:0.06,0.04,0.06", "--effort", "5", "-o", "known.yaml")
-    assert f"theirs stay: pull ({most});" in told.stderr
+    assert f"unchanged: pull ({most});" in told.stderr
 
 
 def test_the_scene_loads_and_says_what_comes_next() -> None:
     made = run("new", pincher(Path()), "box:0.06,0.04,0.06", "--effort", "0.4",
                "--effort", "finger_1=0.7", "--support", "slope:30deg", "--mass", "0.3")  # fmt: skip
-    assert made.exit_code == 0 and "now: graspless-pin place scene.yaml" in made.stdout
+    assert made.exit_code == 0 and "next: graspless-pin place scene.yaml" in made.stdout
     solved = run("solve", "scene.yaml", "--no-verdict")
     assert solved.exit_code == 1  # nothing else keeps the box from sliding
     assert "no link of the hand touches object 'box'" in solved.stderr
@@ -105,7 +105,7 @@ def test_the_scene_loads_and_says_what_comes_next() -> None:
 
 def test_an_effort_that_does_not_count_is_told() -> None:
     made = run("new", pincher(Path(), right=0.5), "box:0.06,0.04,0.06", "--effort", "0.4")
-    assert "theirs stay: right_hinge (0.5); --effort NAME=0.4 replaces one" in made.stderr
+    assert "unchanged: right_hinge (0.5); --effort NAME=0.4 replaces one" in made.stderr
     scene = load_scene("scene.yaml")
     assert scene.hand is not None and scene.hand.effort_limits[1].tolist() == [0.4, 0.5]
     named = ("--effort", "right_hinge=0.3", "--effort", "0.4", "--overwrite")
@@ -136,7 +136,7 @@ def test_a_hand_that_place_refuses_is_told_by_new(change: tuple[str, str], reaso
     file.write_text(file.read_text().replace(*change))
     made = run("new", file, "cylinder:0.03,0.1")
     assert made.exit_code == 0, made.output
-    assert reason in made.stdout and "now: graspless-pin place" not in made.stdout
+    assert reason in made.stdout and "next: graspless-pin place" not in made.stdout
     placed = run("place", "scene.yaml", "-o", "placed.yaml", "--candidates", "5")
     assert placed.exit_code == 2 and reason in placed.stderr
 
@@ -160,11 +160,14 @@ def test_the_file_is_commented_and_fits_the_schema_beside_it() -> None:
         (["lever_100mm", "box:0.1,0.2"], "needs box:X,Y,Z, lengths in metres"),
         (["lever_100mm", "sphere:1cm"], "found '1cm'; needs a number"),
         (["lever_100mm", "sphere:-1"], "radius: needs a positive number"),
-        (["lever_100mm", "sphere:0.1", "--scale", "0.001"], "--scale and --decompose go with"),
+        (
+            ["lever_100mm", "sphere:0.1", "--scale", "0.001"],
+            "--scale and --decompose apply only to",
+        ),
         (["lever_100mm", "none.stl"], "mesh file 'none.stl' does not exist"),
-        (["lever_100mm", "sphere:0.1", "--support", "slope:30"], "slope:30deg, slope:0.5rad"),
-        (["lever_100mm", "sphere:0.1", "--support", "slope:95deg"], "from 0 to 80 degrees"),
-        (["lever_100mm", "sphere:0.1", "--effort", "0"], "needs a positive number of N m or N"),
+        (["lever_100mm", "sphere:0.1", "--support", "slope:30"], "slope:30deg or slope:0.5rad"),
+        (["lever_100mm", "sphere:0.1", "--support", "slope:95deg"], "angle of 0 to 80 degrees"),
+        (["lever_100mm", "sphere:0.1", "--effort", "0"], "needs a positive number, N m or N"),
         (["lever_100mm", "sphere:0.1", "--effort", "thumb=1"], "unknown finger or joint 'thumb'"),
         (["lever_100mm", "sphere:0.1", "--mass", "1", "--density", "1"], "found both"),
         (["lever_100mm", "sphere:0.1", "-o", "scene.txt"], "ends in .yaml or .yml"),
@@ -245,7 +248,7 @@ def test_settle_writes_the_object_on_its_support_and_keeps_degrees() -> None:
     Path("above.yaml").write_text(above)
     result = run("settle", "above.yaml", "-o", "settled.yaml")
     assert result.exit_code == 0
-    assert "object 'box' goes down by 100.000 mm" in result.stdout
+    assert "object 'box' moves down by 100.000 mm" in result.stdout
     assert "wrote settled.yaml" in result.stdout
     text = Path("settled.yaml").read_text()
     assert "rpy_deg: [0, 0, 90]} # high" in text
@@ -296,7 +299,7 @@ def test_the_base_of_an_arm_is_to_be_moved_where_it_is_out_of_reach() -> None:
     arm = run("new", "panda", "box:0.04,0.04,2.5", "--effort", "20")
     place, alone = arm.stdout.splitlines()[-1].split("; ")
     assert place.endswith("graspless-pin place scene.yaml -o placed.yaml --move-base")
-    assert alone.endswith("take a hand alone: --root-link panda_hand")
+    assert alone.endswith("use new with the hand alone: --root-link panda_hand")
     alone = run("new", "panda", "box:0.04,0.04,0.06", "--root-link", "panda_hand", "--overwrite")
     assert alone.stdout.endswith("graspless-pin place scene.yaml -o placed.yaml\n")
     hand = run("new", pincher(Path()), "box:0.06,0.04,0.06", "--effort", "1", "--overwrite")

@@ -25,7 +25,7 @@ def test_new_place_and_solve_are_three_commands() -> None:
     placed = run(*place("--candidates", "16", "--verdict-nodes", "0", "--approach", "0,0,-1"))
     assert placed.exit_code == 0 and placed.stderr == ""
     assert placed.stdout.startswith("margin ")
-    assert placed.stdout.endswith("wrote placed.yaml\nnow: graspless-pin solve placed.yaml\n")
+    assert placed.stdout.endswith("wrote placed.yaml\nnext: graspless-pin solve placed.yaml\n")
     scene = load_scene("placed.yaml")
     assert {"left_finger", "right_finger"} <= set(scene.contacts.bodies)
     assert scene.solve().margin >= 0.1
@@ -56,7 +56,7 @@ def test_two_points_press_but_do_not_carry() -> None:
     pressed = run(*place(*options, "--press"))
     assert pressed.exit_code == 0 and "without supports none" in pressed.stdout
     refused = run(*place("--carry", "--press", "--overwrite"))
-    assert_refused(refused, "--carry: and --press ask for different places")
+    assert_refused(refused, "--carry: cannot be combined with --press")
 
 
 def test_a_hand_without_a_place_is_an_answer() -> None:
@@ -70,5 +70,7 @@ def test_a_hand_without_a_place_is_an_answer() -> None:
 
 def test_options_are_checked() -> None:
     run("new", pincher(Path()), "box:0.06,0.04,0.06", "--effort", "0.4")
-    assert_refused(run(*place("--approach", "down")), "--approach: needs three numbers")
+    assert_refused(
+        run(*place("--approach", "down")), "--approach: found 'down'; needs three numbers"
+    )
     assert_refused(run(*place("--finger", "thumb")), "--finger: unknown finger 'thumb'")

@@ -39,7 +39,7 @@ def test_an_audit_says_what_to_do(tmp_path):
     assert result.exit_code == 1
     assert "missing collision mesh" in result.stdout and "tip.stl" in result.stdout
     assert "placeholder effort" in result.stdout and "bend" in result.stdout
-    assert "2 links without mass (neither verdicts nor simulations)" in result.stdout
+    assert "2 links without mass (verdicts and simulations are impossible)" in result.stdout
     # A sound robot passes.
     result = run("inspect", "trihand")
     assert result.exit_code == 0
@@ -51,7 +51,7 @@ def test_a_hand_that_touches_nothing_loads_and_is_doubtful(tmp_path):
     urdf.write_text('<robot name="bare"><link name="base"/></robot>')
     result = run("inspect", urdf, "--root-link", "base")
     assert result.exit_code == 4
-    assert "loads, but something serious is wrong" in result.stdout
+    assert "can be mounted, but something serious is wrong" in result.stdout
     result = run("inspect", urdf, "--root-link", "palm")
     assert result.exit_code == 1
     assert "there is no link 'palm'" in result.stdout and "0 links" not in result.stdout

@@ -79,19 +79,22 @@ def test_without_torques_there_is_nothing_to_simulate(tmp_path):
     file.write_text(LINES.replace("friction: 0.3", "friction: 0.3\nmax_normal_force: 2.0"))
     result = run("simulate", file)
     assert result.exit_code == 1
-    assert result.stdout.startswith("there are no torques: ")
+    assert result.stdout.startswith("no torques were found: ")
 
 
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (("--push", "1,2"), "--push: needs three numbers with commas: 1,0,0; got '1,2'"),
-        (("--push", "1,2,nan"), "--push: needs three numbers"),
-        (("--save", "out.gif"), "--save: needs a file that ends in .html or .mp4, got 'out.gif'"),
+        (("--push", "1,2"), "--push: found '1,2'; needs three numbers such as 1,0,0"),
+        (("--push", "1,2,nan"), "--push: found '1,2,nan'; needs three numbers"),
+        (
+            ("--save", "out.gif"),
+            "--save: found 'out.gif'; needs a file that ends with .html or .mp4",
+        ),
         (("--seconds", "-1"), "--seconds: is -1.0"),
         (("--controller", "-1"), "--controller: is -1.0"),
         (("--friction-factor", "-1"), "--friction-factor: is -1.0"),
-        (("--save", "a.html", "--export", "a.html"), "--export: names the file that --save writes"),
+        (("--save", "a.html", "--export", "a.html"), "--export: is the same file as --save"),
     ],
 )
 def test_bad_options_are_refused_before_anything_is_solved(options, message, tmp_path):

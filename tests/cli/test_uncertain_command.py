@@ -557,7 +557,9 @@ def test_commands_without_torques_for_the_set_say_so(
     )
     result = run(command[0], scene, *command[1:])
     assert result.exit_code == 1
-    assert result.stdout.startswith("there are no torques for all that the scene says is not known")
+    assert result.stdout.startswith(
+        "no torques were found that serve the scene's whole uncertainty"
+    )
     assert f"graspless-pin solve {scene}" in result.stdout
 
 

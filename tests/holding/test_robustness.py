@@ -154,7 +154,7 @@ def test_what_slides_is_refused() -> None:
 def test_the_command_line_names_the_motion_by_which_contacts_slide() -> None:
     result = run("robustness", "examples/trihand_push_box.yaml")
     assert result.exit_code == 2
-    assert "trihand_push_box.yaml: motion: contacts slide by the declared motion" in result.stderr
+    assert "trihand_push_box.yaml: motion: contacts slide in the declared motion" in result.stderr
     assert "leave the key out" in result.stderr
 
 
@@ -164,4 +164,4 @@ def test_the_command_line_lists_the_gaps_of_what_is_relied_on(tmp_path: Path) ->
     result = run("robustness", file, "--nodes", "5")
     assert result.exit_code == 0, result.output
     assert "contacts without which rest is not proven" in result.output
-    assert "has to close its gap of 0.2 mm" in result.output
+    assert "must first close its gap of 0.2 mm" in result.output

@@ -103,9 +103,9 @@ def test_what_needs_torques_says_that_there_are_none(tmp_path):
     (tmp_path / "weak.yaml").write_text(text, encoding="utf-8")
     result = run(tmp_path / "weak.yaml", "-o", target, "--squeeze", "--simulate", "--tolerances")
     assert result.exit_code == 1
-    assert "note: --tolerances is left out: there are no torques" in result.stderr
-    assert "note: --squeeze is left out: there are no torques" in result.stderr
-    assert "note: --simulate is left out: there are no torques" in result.stderr
+    assert "note: --tolerances is left out: no torques were found" in result.stderr
+    assert "note: --squeeze is left out: no torques were found" in result.stderr
+    assert "note: --simulate is left out: no torques were found" in result.stderr
 
 
 @pytest.mark.usefixtures("without_plots")
@@ -143,7 +143,7 @@ def test_a_document_has_its_own_verdict(tmp_path, option):
     file = tmp_path / "solution.json"
     file.write_text(json.dumps(through_json(solution, scene)), encoding="utf-8")
     result = run(file, "-o", tmp_path / "report.html", *option)
-    assert result.exit_code == 2 and f"{option[0]}: goes with a scene alone" in result.stderr
+    assert result.exit_code == 2 and f"{option[0]}: requires a scene file" in result.stderr
 
 
 def test_a_folder_that_cannot_be_made(tmp_path):
@@ -189,7 +189,7 @@ def test_a_document_that_is_refused_is_told_in_the_terminal_and_on_the_page(tmp_
     file.write_text(json.dumps(document), encoding="utf-8")
     result = run(file, "-o", target, "--no-ranges")
     assert result.exit_code == 4
-    assert f"{file}: is refused; graspless-pin verify {file} says why" in result.stderr
+    assert f"{file}: a check fails; graspless-pin verify {file} shows which" in result.stderr
     assert "These checks fail: margin as stated" in target.read_text(encoding="utf-8")
 
 

@@ -78,11 +78,14 @@ def test_columns_can_be_chosen(results, tmp_path):
         (["--kind", "boundary", "--value", "mode"], "error: outcome: is 'mode'"),
         (
             ["--controller", "1"],
-            "error: --controller: goes with --kind squeeze and tolerances alone",
+            "error: --controller: has an effect only with --kind squeeze or tolerances",
         ),
-        (["--y", "object.mass_kg"], "error: --y: goes with --kind map and boundary alone"),
-        (["--kind", "squeeze", "--x", "mass"], "error: --x: goes with a study's table alone"),
-        (["-o", "picture.txt"], "error: --output: picture.txt is no name of a picture; end"),
+        (["--y", "object.mass_kg"], "error: --y: has an effect only with --kind map or boundary"),
+        (
+            ["--kind", "squeeze", "--x", "mass"],
+            "error: --x: has an effect only with the table of a study",
+        ),
+        (["-o", "picture.txt"], "error: --output: picture.txt must end with .png"),
     ],
 )
 def test_bad_input_is_told(results, tmp_path, monkeypatch, options, message):
@@ -95,4 +98,4 @@ def test_one_variable_has_no_map(tmp_path):
     file = tmp_path / "few.csv"
     run_study(study({"friction": {"values": [0.0, 0.3]}}), file, executor=Here(), progress=False)
     result = run("plot", file, "-o", tmp_path / "picture.png", "--kind", "map")
-    assert result.exit_code == 2 and "--y: has nothing to show" in result.stderr
+    assert result.exit_code == 2 and "--y: has no default: no other column of" in result.stderr

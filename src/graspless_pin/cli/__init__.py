@@ -54,7 +54,7 @@ def _end_without_output(error: OSError) -> NoReturn:
     """Report that standard output cannot be written, and exit without flushing it again."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
     reason = os.strerror(error.errno or 0)
-    sys.stderr.write(f"error: standard output cannot be written ({reason}); send it elsewhere\n")
+    sys.stderr.write(f"error: standard output cannot be written ({reason}); redirect it\n")
     sys.exit(CRASHED)
 
 
@@ -135,9 +135,9 @@ def _exit_like_child(exit_code: int, mask: set[int]) -> NoReturn:
 
 def _crash_message(name: str) -> str:
     if name == "SIGKILL":
-        return "the process was killed from outside, perhaps for want of memory (SIGKILL)"
+        return "the process was killed from outside (SIGKILL), perhaps because memory ran out"
     return (
-        f"a library crashed over this input ({name}), which this package should have refused: "
+        f"a library crashed on this input ({name}); graspless-pin should have refused the input: "
         "please report it"
     )
 

@@ -153,7 +153,7 @@ def _print_version(asked: bool) -> None:
     from graspless_pin.versions import has_compiled_loops, versions
 
     typer.echo(f"graspless-pin {versions()['graspless-pin']}, Python {platform.python_version()}")
-    none = "none, numpy does their work more slowly; install again where there is a C compiler"
+    none = "none, numpy is used instead and is slower; reinstall where there is a C compiler"
     typer.echo(f"compiled loops: {'yes' if has_compiled_loops() else none}")
     raise typer.Exit
 
@@ -166,7 +166,7 @@ def _options(
             "--version",
             callback=_print_version,
             is_eager=True,
-            help="Print the version and which compiled loops run.",
+            help="Print the version, and whether compiled loops are used.",
         ),
     ] = False,
 ) -> None:

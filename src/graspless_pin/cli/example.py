@@ -20,11 +20,13 @@ _SOURCE = Path(__file__).resolve().parents[3] / "examples"
 
 
 def example(
-    name: Annotated[str | None, typer.Argument(help="Of a scene or study; none: list all.")] = None,
+    name: Annotated[
+        str | None, typer.Argument(help="Example to copy; without a name all are listed.")
+    ] = None,
 ) -> None:
     """Copy an example scene or study with its files to the current folder, or list all.
 
-    Nothing that is there is replaced.
+    Existing files are not replaced.
 
     Examples:
         graspless-pin example
@@ -46,7 +48,7 @@ def example(
             typer.echo(f"wrote {file}")
         command = "study" if files[name].parent.name == "studies" else "solve"
         output = " -o results.parquet" if command == "study" else ""
-        typer.echo(f"now: graspless-pin {command} {copied[0]}{output}")
+        typer.echo(f"next: graspless-pin {command} {copied[0]}{output}")
 
 
 def example_files() -> dict[str, Path]:
@@ -77,7 +79,7 @@ def copy_example(file: Path, folder: Path) -> list[Path]:
         raise ArgumentError(
             "name",
             f"{', '.join(taken)} {'is' if len(taken) == 1 else 'are'} in this folder already; "
-            "nothing was copied: go to another folder",
+            "nothing was copied: run the command in another folder",
         )
     for source, copy in zip(sources, copies, strict=True):
         (folder / copy).parent.mkdir(parents=True, exist_ok=True)

@@ -46,14 +46,16 @@ def new(
     robot: Annotated[
         str,
         typer.Argument(
-            metavar="ROBOT", help="A URDF, xacro file, MJCF or robot file, or the name of a robot."
+            metavar="ROBOT",
+            help="A URDF, xacro, MJCF or robot file, or the name of a robot, see graspless-pin "
+            "robots.",
         ),
     ],
     obj: Annotated[
         str,
         typer.Argument(
             metavar="OBJECT",
-            help="A mesh file (STL, OBJ, DAE, PLY, glTF), or a shape, lengths in metres: "
+            help="A mesh file (STL, OBJ, DAE, PLY, glTF), or a shape with its lengths in metres: "
             f"{_LENGTHS}.",
         ),
     ],
@@ -64,48 +66,59 @@ def new(
         list[str] | None,
         typer.Option(
             metavar="[NAME=]N_M",
-            help="Effort limit, N m (N of prismatic joints, tendons), of all actuators whose limit "
-            "the robot's files do not tell, or of one finger, joint or tendon. May be repeated.",
+            help="Effort limit, N m (N for prismatic joints and tendons). Without NAME: of all "
+            "actuators whose limit the robot's files do not state. With NAME: of this finger, "
+            "joint or tendon. May be repeated.",
         ),
     ] = None,
     support: Annotated[
         str, typer.Option(metavar="flat|slope:30deg", help="What the object rests on.")
     ] = "flat",
-    mass: Annotated[float | None, typer.Option(help="Of the object, kg.")] = None,
+    mass: Annotated[float | None, typer.Option(help="Mass of the object, kg.")] = None,
     density: Annotated[
-        float | None, typer.Option(help="Of the object, kg/m^3; default: 500, marked as a guess.")
+        float | None,
+        typer.Option(
+            help="Density of the object, kg/m^3. Default: 500, marked in the scene as a guess."
+        ),
     ] = None,
     scale: Annotated[
         float, typer.Option(help="Metres per unit of the mesh file: 0.001 for millimetres.")
     ] = 1.0,
     decompose: Annotated[
-        bool, typer.Option("--decompose", help="Cut the mesh into convex pieces, hollows kept.")
+        bool,
+        typer.Option(
+            "--decompose",
+            help="Cut the mesh into convex pieces, which keeps its hollows. Default: its convex "
+            "hull.",
+        ),
     ] = False,
     visuals_collide: Annotated[
         bool,
         typer.Option(
             "--visuals-collide",
-            help="Let links without collision shapes collide with their visual ones.",
+            help="For links without collision shapes, use their visual shapes as collision shapes.",
         ),
     ] = False,
     root_link: Annotated[
         str | None,
         typer.Option(
             metavar="LINK",
-            help="Take only this link and what hangs on it, such as the palm of a whole robot.",
+            help="Take only this link and all links below it, such as the palm of a whole robot.",
         ),
     ] = None,
     package_dir: Annotated[
-        list[Path] | None, typer.Option(help="Where package:// addresses are looked up.")
+        list[Path] | None,
+        typer.Option(help="Folder in which package:// addresses are looked up. May be repeated."),
     ] = None,
     overwrite: OverwriteOption = False,
 ) -> None:
     """Write a first scene of a robot and an object, complete and commented.
 
-    The object rests on the support; the hand stands clear of it: graspless-pin place puts it there.
+    The object rests on the support. The hand stands away from it; graspless-pin place finds a
+    pose in which the hand holds the object.
     Effort limits that are missing from the robot's files stay unset, unless --effort gives them.
 
-    Exit code 0: written; 2: bad input; 4: written, and no hand holds an object of that size, or
+    Exit code 0: written; 2: bad input; 4: written, but the object is too large for any hand, or
     something else is seriously wrong.
 
     Examples:
@@ -159,25 +172,27 @@ def _echo_next_steps(new: NewSceneText, effort: float | None, output: Path, *, h
     if new.kept:
         stated = tuple(f"{name} ({limit:g})" for name, limit in new.kept.items())
         echo_note(
-            f"--effort {effort:g} is for limits that the robot's files do not tell; theirs stay: "
+            f"--effort {effort:g} sets only limits that the robot's files do not state; unchanged: "
             f"{first_of(stated, _MOST_NAMED)}; --effort NAME={effort:g} replaces one"
         )
     steps = ["correct the size of the object"] if huge else []
     if new.left_open:
         steps.append(
-            "fill in hand.effort_limits: the robot's files do not tell what "
-            f"{first_of(new.left_open, _MOST_NAMED)} can give"
+            "fill in hand.effort_limits: the robot's files do not state the effort limits of "
+            f"{first_of(new.left_open, _MOST_NAMED)}"
         )
     if new.unplaceable:
         steps.append(f"graspless-pin place refuses this hand as it is ({new.unplaceable})")
     out_of_reach = () if huge else new.out_of_reach
     move_base = " --move-base" if out_of_reach else ""
     steps.append(
-        f"{'then' if steps else 'now'}: graspless-pin place {output} -o placed.yaml{move_base}"
+        f"{'then' if steps else 'next'}: graspless-pin place {output} -o placed.yaml{move_base}"
     )
     if out_of_reach:
         palms = " or ".join(out_of_reach)
-        steps.append(f"if the arm is in the way there, take a hand alone: --root-link {palms}")
+        steps.append(
+            f"if the arm is in the way there, use new with the hand alone: --root-link {palms}"
+        )
     typer.echo("; ".join(steps))
 
 
@@ -192,7 +207,9 @@ def _parse_shape(text: str, scale: float, *, decompose: bool) -> Shape:
                 "OBJECT", f"found {text!r}; needs {kind}:{names}, lengths in metres"
             )
         if scale != 1.0 or decompose:
-            raise ArgumentError("OBJECT", f"--scale and --decompose go with a mesh, not a {kind}")
+            raise ArgumentError(
+                "OBJECT", f"--scale and --decompose apply only to a mesh, not to a {kind}"
+            )
         shape_class, unread = SHAPES[kind], iter(numbers)
         types = get_type_hints(shape_class)
 
@@ -204,7 +221,9 @@ def _parse_shape(text: str, scale: float, *, decompose: bool) -> Shape:
 
         return shape_class(*(value_of(key.name) for key in fields(shape_class)))
     if re.fullmatch(r"[-+.,\deE]+", lengths):
-        raise ArgumentError("OBJECT", f"{kind!r} is no shape; {names_in_words(kind, _PRIMITIVES)}")
+        raise ArgumentError(
+            "OBJECT", f"{kind!r} is not a shape; {names_in_words(kind, _PRIMITIVES)}"
+        )
     if not Path(text).suffix:
         raise ArgumentError("OBJECT", f"found {text!r}; needs a mesh file or one of {_LENGTHS}")
     return MeshShape(Path(text), scale, convex="decompose" if decompose else "hull")
@@ -215,7 +234,7 @@ def _parse_effort_limit(text: str) -> tuple[str, float]:
     name, _, number = text.rpartition("=")
     limit = number_of("--effort", number)
     if not 0.0 < limit < math.inf:
-        raise ArgumentError("--effort", f"found {text!r}; needs a positive number of N m or N")
+        raise ArgumentError("--effort", f"found {text!r}; needs a positive number, N m or N")
     return name, limit
 
 
@@ -228,8 +247,8 @@ def _parse_slope(text: str) -> float:
     if not 0.0 <= degrees <= _STEEPEST:
         raise ArgumentError(
             "--support",
-            f"found {text!r}; needs flat, or slope and an angle with its unit from 0 to "
-            f"{_STEEPEST:g} degrees: slope:30deg, slope:0.5rad",
+            f"found {text!r}; must be flat, or slope with an angle of 0 to {_STEEPEST:g} degrees "
+            "and its unit, such as slope:30deg or slope:0.5rad",
         )
     return math.radians(degrees)
 

@@ -103,9 +103,10 @@ ControllerOption = Annotated[
     typer.Option(
         "--controller",
         metavar="K",
-        help="Stiffness of position feedback at the joints beside the torques, N m/rad, over "
-        "(0.1 m)^2 where joints slide; 'torque': constant torques; 'position': joints stand still; "
-        "'any': tell the least that is needed; default: the file's.",
+        help="Stiffness gain of the position feedback that is added to the torques, N m/rad "
+        "(prismatic joints: divided by (0.1 m)^2, N/m). 'torque': constant torques without "
+        "feedback; 'position': the joints keep their positions; 'any': not decided, and verdicts "
+        "report the smallest gain that holds. Default: the scene file's.",
     ),
 ]
 
@@ -178,7 +179,7 @@ def three_numbers(option: str, text: str) -> list[float]:
     except ValueError:
         numbers = []
     if len(numbers) != 3 or not all(map(math.isfinite, numbers)):
-        raise ArgumentError(option, f"needs three numbers with commas: 1,0,0; got {text!r}")
+        raise ArgumentError(option, f"found {text!r}; needs three numbers such as 1,0,0")
     return numbers
 
 
@@ -206,7 +207,7 @@ def shortened(message: str, byte_limit: int) -> str:
     lines = printable(message).splitlines()
     text = "\n".join(lines[:_MOST_LINES])
     if len(lines) > _MOST_LINES:
-        text += f"\n... and {len(lines) - _MOST_LINES} lines more"
+        text += f"\n... and {len(lines) - _MOST_LINES} more lines"
     content = text.encode()
     if len(content) <= byte_limit:
         return text
@@ -231,7 +232,7 @@ def show_findings() -> None:
         text = f"{shortened(str(finding), _ERROR_BYTES)} [{finding.code}]"
         printed.room -= len(text.encode()) + len("warning: ") + 1
         if printed.room < 0:
-            echo_note(f"{len(remaining) - index} findings more, see scene.findings")
+            echo_note(f"{len(remaining) - index} more findings: see scene.findings in Python")
             return
         if is_terminal:
             width = min(shutil.get_terminal_size().columns, _WIDEST) - 1

@@ -55,7 +55,9 @@ class OutputKind(Enum):
 OverwriteOption = Annotated[
     bool,
     typer.Option(
-        "--overwrite", help="Replace a file of that name, whatever it is, but none that is read."
+        "--overwrite",
+        help="Replace an existing file, of any kind. Files that the command reads are not "
+        "replaced; only close, place and settle can replace their scene.",
     ),
 ]
 
@@ -117,7 +119,7 @@ def check_output(
             option, f"{str(file)!r} cannot be written ({reason}); choose another name"
         ) from None
     if not is_own:
-        kind_note = f" and no {kind.value[0]}" if kind.value[0] else ""
+        kind_note = f" and is not a {kind.value[0]}" if kind.value[0] else ""
         raise ArgumentError(
             option,
             f"{file} is there already{kind_note}; choose another name, or replace it (--overwrite)",
@@ -142,7 +144,7 @@ def check_inputs_stay(scene: Path | None = None) -> None:
             continue
         if identity in files.read:
             raise ArgumentError(
-                option, f"{path} is read by this command and would be lost; choose another name"
+                option, f"{path} is an input of this command and would be lost; choose another name"
             )
 
 
@@ -153,7 +155,7 @@ def _check_folder(option: str, path: Path) -> None:
         folder = folder.parent
     if not folder.is_dir():
         raise ArgumentError(
-            option, f"{path} cannot be written ({folder} is no folder); choose another name"
+            option, f"{path} cannot be written ({folder} is not a folder); choose another name"
         )
     if not os.access(folder, os.W_OK | os.X_OK):
         raise ArgumentError(

@@ -26,13 +26,16 @@ def place(
     approach: Annotated[
         str | None,
         typer.Option(
-            metavar="X,Y,Z", help="Direction in which the palm approaches, world. Default: all."
+            metavar="X,Y,Z",
+            help="Direction in which the palm approaches the object, world axes. Default: all "
+            "directions are tried.",
         ),
     ] = None,
     point: Annotated[
         str | None,
         typer.Option(
-            metavar="X,Y,Z", help="Point that it goes for, world, m. Default: all in the object."
+            metavar="X,Y,Z",
+            help="Point that the palm approaches, world axes, m. Default: points in the object.",
         ),
     ] = None,
     finger: Annotated[
@@ -41,50 +44,69 @@ def place(
     ] = None,
     margin: Annotated[
         float | None,
-        typer.Option(help="Smallest margin of a place, N; default: the scene's, or 0.1."),
+        typer.Option(help="Margin that a place must have, N. Default: the scene's, or 0.1."),
     ] = None,
     carry: Annotated[
         bool,
-        typer.Option("--carry", help="Only grips that carry the object without its supports."),
+        typer.Option(
+            "--carry", help="Accept only grips that carry the object without its supports."
+        ),
     ] = False,
     press: Annotated[
         bool,
         typer.Option(
-            "--press", help="Take what need not be a grip, and rank by the margin with supports."
+            "--press",
+            help="Accept all places that hold the object, even without a grip, and rank them by "
+            "the margin with supports.",
         ),
     ] = False,
     together: Annotated[
-        bool, typer.Option("--together", help="Move several mounts as one body.")
+        bool,
+        typer.Option(
+            "--together", help="Move all mounts as one body. Default: each is placed by itself."
+        ),
     ] = False,
     move_base: Annotated[
         bool,
-        typer.Option("--move-base", help="Move the base of an arm instead of reaching from it."),
+        typer.Option(
+            "--move-base",
+            help="Move the base of an arm. Default: the base stays, and the arm moves the palm.",
+        ),
     ] = False,
     all_places: Annotated[
-        bool, typer.Option("--all", help="Ask for the verdict of all places; print their table.")
+        bool,
+        typer.Option(
+            "--all",
+            help="Compute the verdict of all places, not only of the best, and print their table.",
+        ),
     ] = False,
-    rank: Annotated[int, typer.Option(min=1, help="Write the place of this rank.")] = 1,
-    seed: Annotated[int, typer.Option(min=0, help="Of all random choices.")] = 0,
-    candidates: Annotated[int, typer.Option(min=1, help="How many are tried.")] = 600,
+    rank: Annotated[int, typer.Option(min=1, help="Rank of the place to write; 1: the best.")] = 1,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of all random choices.")] = 0,
+    candidates: Annotated[int, typer.Option(min=1, help="Number of candidates to try.")] = 600,
     time_limit: Annotated[
         float,
-        typer.Option(min=0.0, metavar="SECONDS", help="Ends the search; what was found is kept."),
+        typer.Option(
+            min=0.0,
+            metavar="SECONDS",
+            help="Time limit of the search; places found by then are kept.",
+        ),
     ] = 60.0,
     verdict_nodes: Annotated[
         int,
-        typer.Option(min=0, help="Most nodes (sets of outcomes) of a verdict; 0: no verdicts."),
+        typer.Option(min=0, help="Node limit (sets of outcomes) of each verdict; 0: no verdicts."),
     ] = BRIEF_NODE_LIMIT,
     workers: Annotated[
-        int | None, typer.Option(min=1, help="Processes on this machine; default: all cores.")
+        int | None,
+        typer.Option(min=1, help="Processes on this machine. Default: one for each core."),
     ] = None,
     overwrite: OverwriteOption = False,
 ) -> None:
     """Find where the hand holds the object, and write that scene.
 
-    Open hands are brought to the object and closed. The best that holds it is written.
+    Open hands are brought to the object and closed. The best place that holds it is written.
     The same seed finds the same places, unless --time-limit ends the search.
 
-    Exit code 0: written; 1: no place was found, and why; 2: bad input; 4:
+    Exit code 0: written; 1: no place was found, and the reasons are printed; 2: bad input; 4:
     written, and something serious is wrong with the scene.
 
     Examples:
@@ -93,7 +115,7 @@ def place(
     """
     with plain_errors():
         if carry and press:
-            raise ArgumentError("--carry", "and --press ask for different places; give one of them")
+            raise ArgumentError("--carry", "cannot be combined with --press; give one of them")
         check_output("--output", output, OutputKind.SCENE, overwrite=overwrite)
         loaded = loaded_scene(scene, findings=False)
         if loaded.hand is not None and len(loaded.hand.mounts) > 1 and not together:
@@ -125,8 +147,8 @@ def place(
             if not placing.places:
                 raise typer.Exit(ExitCode.INFEASIBLE)
             if rank > len(placing.places):
-                raise ArgumentError("--rank", f"is {rank}; {len(placing.places)} places were found")
+                raise ArgumentError("--rank", f"is {rank}; places found: {len(placing.places)}")
             return scene_text(placing.places[rank - 1].scene, target)
 
         typer.echo(f"wrote {write_scene_file(output, placed_scene_text, overwrite=overwrite)}")
-        typer.echo(f"now: graspless-pin solve {output}")
+        typer.echo(f"next: graspless-pin solve {output}")

@@ -54,8 +54,8 @@ def plot(
         Path,
         typer.Argument(
             metavar="TABLE|SCENE",
-            help="Table that study wrote, .parquet or .csv. For --kind squeeze and tolerances: a "
-            "scene.",
+            help="Table that graspless-pin study wrote (.parquet or .csv). For --kind squeeze and "
+            "tolerances: a scene file.",
         ),
     ],
     output: Annotated[
@@ -64,33 +64,39 @@ def plot(
     kind: Annotated[
         PlotKind,
         typer.Option(
-            help="A result over one or two variables, or where it changes; how hard a scene's hand "
-            "may squeeze; how far its centre of mass may be off and what pushes are borne, by "
-            "direction."
+            help="line, map: a result over one or two variables; boundary: where an outcome "
+            "changes; squeeze: how hard a scene's hand may squeeze; tolerances: how far the centre "
+            "of mass may be off and which pushes the torques withstand, by direction."
         ),
     ] = PlotKind.LINE,
     x: Annotated[
-        str | None, typer.Option(metavar="COLUMN", help="To the right; default: what varies first.")
+        str | None,
+        typer.Option(
+            metavar="COLUMN", help="Horizontal axis. Default: the first variable that varies."
+        ),
     ] = None,
     y: Annotated[
-        str | None, typer.Option(metavar="COLUMN", help="Upward; default: what varies next.")
+        str | None,
+        typer.Option(
+            metavar="COLUMN", help="Vertical axis. Default: the next variable that varies."
+        ),
     ] = None,
     value: Annotated[
         str | None,
         typer.Option(
             metavar="COLUMN",
-            help="Result; default: margin_N, or the largest torque where a margin was required; of "
-            "a boundary found.",
+            help="Result to draw. Default: margin_N, or the largest torque if a margin was "
+            "required; for --kind boundary: found.",
         ),
     ] = None,
     controller: ControllerOption = None,
 ) -> None:
-    """Draw the results of a study, or how hard a scene's hand may squeeze and what it bears.
+    """Draw the results of a study, or the squeeze window or tolerances of a scene.
 
-    Of a study: a line, a map, or the boundary of what is found.
-    Of a scene: the window of squeeze, or which pushes and shifts are borne.
+    From a study: a line, a map, or the boundary between outcomes. From a scene: how hard its hand
+    may squeeze, or which pushes and which shifts of the centre of mass its torques withstand.
 
-    Exit code 0: drawn; 1: there are no torques; 2: bad input; 4: drawn, and something serious is
+    Exit code 0: drawn; 1: no torques were found; 2: bad input; 4: drawn, and something serious is
     wrong with the scene.
 
     Examples:
@@ -102,24 +108,24 @@ def plot(
     with plain_errors():
         of_scene = kind in (PlotKind.SQUEEZE, PlotKind.TOLERANCES)
         if controller is not None and not of_scene:
-            raise ArgumentError("--controller", "goes with --kind squeeze and tolerances alone")
+            raise ArgumentError(
+                "--controller", "has an effect only with --kind squeeze or tolerances"
+            )
         for option, column in {"--x": x, "--y": y, "--value": value}.items():
             if column is not None and of_scene:
-                raise ArgumentError(option, "goes with a study's table alone")
+                raise ArgumentError(option, "has an effect only with the table of a study")
         if y is not None and kind is PlotKind.LINE:
-            raise ArgumentError("--y", "goes with --kind map and boundary alone")
+            raise ArgumentError("--y", "has an effect only with --kind map or boundary")
         if not of_scene and results.suffix.lower() in (".yaml", ".yml"):
             raise ArgumentError(
                 "TABLE|SCENE",
-                f"{results} is no table: of a scene ask for --kind squeeze or tolerances, of a "
-                "study give the table that it wrote",
+                f"{results} is not a table; for a scene choose --kind squeeze or tolerances, for a "
+                "study give the table that graspless-pin study wrote",
             )
         figure = _new_figure()
         pictures = figure.canvas.get_supported_filetypes()
         if output.suffix.lower().removeprefix(".") not in pictures:
-            raise ArgumentError(
-                "--output", f"{output} is no name of a picture; end it with .png, .svg or .pdf"
-            )
+            raise ArgumentError("--output", f"{output} must end with .png, .svg or .pdf")
         check_output("--output", output, OutputKind.PICTURE)
         if kind is PlotKind.SQUEEZE:
             _draw_squeeze(*solved_scene(results, controller=controller), figure)
@@ -149,7 +155,7 @@ def _draw_tolerances(scene: Scene, solution: TorqueSolution, figure: Figure) -> 
 
 def _draw_squeeze(scene: Scene, solution: TorqueSolution, figure: Figure) -> None:
     """Draw margin, growth and normal forces over the squeeze, and print the squeeze window."""
-    with waiting_for("trying how hard the hand may squeeze"):
+    with waiting_for("searching for the squeeze window"):
         window = squeeze_window(scene, solution.torques)
     figure.set_figheight(6.6)
     panels = figure.subplots(3, 1, sharex=True)
@@ -200,7 +206,9 @@ def _first_varied_column(table: Any, option: str, used: tuple[str, ...]) -> str:
     for name in columns:
         if name not in used and table[name].dtype.kind in "if" and table[name].nunique() > 1:
             return name
-    raise ArgumentError(f"--{option}", f"has nothing to show: no further column of {[*columns]}")
+    raise ArgumentError(
+        f"--{option}", f"has no default: no other column of {[*columns]} has several numbers"
+    )
 
 
 def _new_figure() -> Figure:

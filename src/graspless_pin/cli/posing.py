@@ -29,14 +29,15 @@ def close_scene(
         typer.Option(metavar="NAME", help="Close this finger; may be repeated. Default: all."),
     ] = None,
     wrap: Annotated[
-        bool, typer.Option("--wrap", help="Go on with the joints beyond a link that touches.")
+        bool,
+        typer.Option("--wrap", help="After a link touches, continue with the joints beyond it."),
     ] = False,
     overwrite: OverwriteOption = False,
 ) -> None:
     """Close fingers until they touch the object or reach their limits, and write that scene.
 
-    Exit code 0: each of them touches; 1: not all do; 2: bad input; 4: they do, and something
-    serious is wrong with the scene.
+    Exit code 0: each of these fingers touches; 1: not all of them do; 2: bad input; 4: each
+    touches, and something serious is wrong with the scene.
 
     Examples:
         graspless-pin close scene.yaml -o closed.yaml
@@ -58,8 +59,8 @@ def close_scene(
 def settle_scene(scene: _Source, output: _Output, overwrite: OverwriteOption = False) -> None:
     """Move the object along gravity until it rests on a support, and write that scene.
 
-    The hand stays where it is, and may be placed or closed afterwards: what is wrong with it then
-    is not told.
+    The hand stays where it is and can be placed or closed afterwards; therefore findings about the
+    hand are not reported.
 
     Exit code 0: written; 2: bad input; 4: written, and something serious is wrong with the scene.
 
@@ -73,7 +74,7 @@ def settle_scene(scene: _Source, output: _Output, overwrite: OverwriteOption = F
         displacement = settled.object.T_world_object[:3, 3] - loaded.object.T_world_object[:3, 3]
         distance = float(displacement @ loaded.gravity) / float(np.linalg.norm(loaded.gravity))
         direction = "down" if distance >= 0.0 else "up"
-        moved = f"object '{settled.object.name}' goes {direction} by {1e3 * abs(distance):.3f} mm"
+        moved = f"object '{settled.object.name}' moves {direction} by {1e3 * abs(distance):.3f} mm"
         written = settled.save(output, overwrite=overwrite)
         emit(*(finding for finding in settled.findings if finding.key[:1] != ("hand",)))
         typer.echo(f"{moved}\nwrote {written}")

@@ -62,63 +62,67 @@ def report(
         Path | None,
         typer.Option(
             metavar="SCENE",
-            help="Scene of the document, to draw its bodies; no file that a document names is "
-            "opened.",
+            help="Scene file of the document, to draw the bodies. Files that a document names are "
+            "never opened.",
         ),
     ] = None,
     algorithm: Annotated[
-        str | None, typer.Option(help=f"Whose torques; default: the file's. {AIMS}.")
+        str | None, typer.Option(help=f"Default: that of the scene file. {AIMS}.")
     ] = None,
     output: Annotated[
         Path, typer.Option("--output", "-o", metavar="FILE|-", help="The page to write.")
     ] = Path("report.html"),
     ranges: Annotated[
         bool,
-        typer.Option(help="Compute the force ranges: minutes where many contacts stick."),
+        typer.Option(help="Compute the force ranges; takes minutes if many contacts stick."),
     ] = True,
     ranges_time: Annotated[
         float,
         typer.Option(
             min=0.0,
             metavar="SECONDS",
-            help="Show the force ranges as far as they are found by then, and mark what is not "
-            "proven.",
+            help="Time limit for the force ranges. Ranges not proven by then are shown as far as "
+            "they are known, and marked.",
         ),
     ] = 60.0,
     verdict_nodes: Annotated[
         int | None,
         typer.Option(
-            help=f"Most nodes (sets of outcomes) of the verdict; default: {BRIEF_NODE_LIMIT}."
+            help=f"Node limit (sets of outcomes) of the verdict. Default: {BRIEF_NODE_LIMIT}."
         ),
     ] = None,
     no_verdict: Annotated[
-        bool, typer.Option("--no-verdict", help="Do not ask whether the object stays.")
+        bool, typer.Option("--no-verdict", help="Skip the verdict on whether the object stays.")
     ] = False,
     simulated: Annotated[
         bool,
-        typer.Option("--simulate", help="Simulate the torques with MuJoCo, with a time-lapse."),
+        typer.Option(
+            "--simulate", help="Simulate the scene under the torques with MuJoCo; add a time-lapse."
+        ),
     ] = False,
     controller: ControllerOption = None,
     squeeze: Annotated[
         bool,
-        typer.Option("--squeeze", help="Tell how hard the hand may squeeze: some 30 verdicts."),
+        typer.Option(
+            "--squeeze", help="Add how hard the hand may squeeze; computes about 30 verdicts."
+        ),
     ] = False,
     tolerances: Annotated[
         bool,
         typer.Option(
             "--tolerances",
-            help="Tell how far mass, pushes, friction and torques may be off, under these torques "
-            "and if torques are chosen for each. Of a scene that says what is not known exactly "
-            "the former is told anyway.",
+            help="Add how far mass, pushes, friction and torques may be off, under these torques "
+            "and with torques chosen for each. The first is always shown for a scene with an "
+            "uncertainty.",
         ),
     ] = False,
     overwrite: OverwriteOption = False,
     **figures: Any,
 ) -> None:
-    """Write a solution as one HTML page that fetches nothing: 3-D view, torques, proof.
+    """Write a solution as one self-contained HTML page: 3-D view, torques, proof.
 
-    For other options of solve, write its answer with --json and report that file, with the verdict
-    that it holds.
+    To use other options of solve, write its solution with --json and give that document to report.
+    The page then shows the verdict in the document.
 
     Exit code 0: found; 1: infeasible, and the page says why; 2: bad input; 3: neither found nor
     proven infeasible; 4: found, and something serious is wrong with the scene, or a check of
@@ -136,7 +140,7 @@ def report(
             scene_only = {"controller": controller, "no_verdict": no_verdict or None, **options}
             case = _case_from_document(source, scene, scene_only)
         elif scene is not None:
-            raise ArgumentError("--scene", "goes with a solution document (.json) alone")
+            raise ArgumentError("--scene", "has an effect only with a document (.json)")
         else:
             case = _case_from_scene(source, controller, no_verdict=no_verdict, **options)
         lapse = window = None
@@ -159,14 +163,14 @@ def report(
             typer.echo(f"wrote {output} ({len(page.encode()) / 1e6:.1f} MB)")
         is_refused = source.suffix.lower() == ".json" and not case.verification.passed
         if is_refused:
-            echo_error(f"{source}: is refused; graspless-pin verify {source} says why")
+            echo_error(f"{source}: a check fails; graspless-pin verify {source} shows which")
     raise typer.Exit(ExitCode.DOUBTFUL if is_refused else exit_code(case.solution))
 
 
 def _squeeze_window(scene: Scene, solution: TorqueSolution) -> SqueezeWindow | None:
     """Return the squeeze window; None, with a note, where the hand does not squeeze the object."""
     try:
-        with waiting_for("trying how hard the hand may squeeze"):
+        with waiting_for("searching for the squeeze window"):
             return squeeze_window(scene, solution.torques)
     except ArgumentError as error:
         echo_note(f"--squeeze is left out: {error}")
@@ -183,7 +187,7 @@ def _force_ranges(
     problem, torques = solution.problem, solution.torques
     if case.scene is not None:
         problem = rest_problem(case.scene, problem, torques)
-    with waiting_for("working out the force ranges"):
+    with waiting_for("computing the force ranges"):
         bounds = contact_force_bounds(
             problem, torques, time_limit=seconds, **solution.rules.options()
         )
@@ -208,7 +212,7 @@ def _case_from_document(
     for name, value in scene_only.items():
         if value is not None:
             option = f"--{name.replace('_', '-')}"
-            raise ArgumentError(option, "goes with a scene alone: a document has its own")
+            raise ArgumentError(option, "requires a scene file; a document is solved already")
     document = read_document(source)
     check_inputs_stay()
     try:
@@ -233,7 +237,7 @@ def _scene_for_option(case: Case, option: str) -> Scene | None:
         ArgumentError: If the case has no scene.
     """
     if not case.solution.found:
-        echo_note(f"{option} is left out: there are no torques")
+        echo_note(f"{option} is left out: no torques were found")
         return None
     if case.scene is None:
         raise ArgumentError(option, f"needs the scene. {case.missing}")

@@ -87,8 +87,10 @@ def audit_text(report: AuditReport) -> str:
     if report.loads and report.findings:
         loads = "can be mounted, but see below"
     if report.loads and is_serious(report.findings):
-        loads = "loads, but something serious is wrong"
-    weightless = " without mass (neither verdicts nor simulations)" if not report.mass else ""
+        loads = "can be mounted, but something serious is wrong"
+    weightless = (
+        " without mass (verdicts and simulations are impossible)" if not report.mass else ""
+    )
     lines = [f"{report.name} ({report.urdf_path}): {loads}"]
     if report.links:  # empty for a file that cannot be read
         lines.append(
@@ -97,7 +99,7 @@ def audit_text(report: AuditReport) -> str:
         )
     lines += [f"finger {name}: {', '.join(joints)}" for name, joints in report.fingers.items()]
     if not report.findings:
-        lines.append("nothing to mend")
+        lines.append("no problems found")
     for finding in report.findings:
         about = "" if finding.message.startswith(finding.subject) else f"{finding.subject}: "
         lines.append(f"{finding.code.words}: {about}{finding.message}\n    {finding.advice}")
@@ -115,9 +117,9 @@ def _effort_range_text(efforts: Sequence[EffortRecord]) -> str:
 
 
 def robots(
-    name: Annotated[str | None, typer.Argument(help="Show this robot in full.")] = None,
+    name: Annotated[str | None, typer.Argument(help="Robot to show in full.")] = None,
 ) -> None:
-    """List the robots: fingers, joints and effort limits; one with where they come from.
+    """List the robots with fingers, joints and effort limits, or show one in full.
 
     Examples:
         graspless-pin robots
@@ -134,15 +136,16 @@ def robots(
 
 
 def inspect(
-    urdf: Annotated[str, typer.Argument(help="A URDF, a robot file or a robot's name.")],
+    urdf: Annotated[str, typer.Argument(help="A URDF, a robot file or the name of a robot.")],
     package_dir: Annotated[
-        list[Path] | None, typer.Option(help="Where package:// addresses are looked up.")
+        list[Path] | None,
+        typer.Option(help="Folder in which package:// addresses are looked up. May be repeated."),
     ] = None,
     root_link: Annotated[
-        str | None, typer.Option(help="Keep only this link and what hangs on it.")
+        str | None, typer.Option(help="Keep only this link and all links below it.")
     ] = None,
 ) -> None:
-    """Audit a URDF: meshes, effort limits, mimic joints, limits; and say what to do.
+    """Audit a URDF: meshes, mimic joints, effort and joint limits; and say what to correct.
 
     Exit code 0: it can be mounted as it is; 1: it cannot; 2: no such file or robot; 4: it can, and
     something serious is wrong.

@@ -31,21 +31,23 @@ _RANGES_TIME = 10.0  # s; by then most free rays are found
 @with_objective_options
 def robustness_scene(
     scene: Annotated[Path, typer.Argument(help="Scene file (YAML), at rest.")],
-    algorithm: Annotated[str | None, typer.Option(help=f"Whose torques. {AIMS}.")] = None,
+    algorithm: Annotated[
+        str | None, typer.Option(help=f"Default: that of the scene file. {AIMS}.")
+    ] = None,
     controller: ControllerOption = None,
     nodes: Annotated[
-        int, typer.Option(min=0, help="Most nodes (sets of outcomes) of each proof.")
+        int, typer.Option(min=0, help="Node limit (sets of outcomes) of each proof.")
     ] = 300,
     time_limit: Annotated[
         float | None,
-        typer.Option(min=0.0, help="Most seconds of the search; what is proven by then is told."),
+        typer.Option(min=0.0, help="Time limit of the search, s; reports what is proven by then."),
     ] = None,
     **figures: Any,
 ) -> None:
     """Report which torque errors and lost contacts rest survives, or what would help.
 
-    Exit code 0: rest is the only outcome; 1: it is not, or not proven, or there are no torques;
-    2: bad input; 4: it is, and something serious is wrong with the scene.
+    Exit code 0: rest is the only outcome; 1: it is not, or not proven, or no torques were found;
+    2: bad input; 4: rest is the only outcome, and something serious is wrong with the scene.
 
     Examples:
         graspless-pin robustness scene.yaml
@@ -58,10 +60,10 @@ def robustness_scene(
             raise typer.Exit(ExitCode.INFEASIBLE)
         if solution.problem.is_sliding.any():
             raise SceneError(
-                f"{label_of(loaded)}: motion: contacts slide by the declared motion, and what "
-                "certainly holds is known of rest alone; leave the key out to ask for rest"
+                f"{label_of(loaded)}: motion: contacts slide in the declared motion; robustness is "
+                "only available for rest: leave the key out to analyse rest"
             )
-        with waiting_for("trying errors of torques, and rest without each contact"):
+        with waiting_for("trying torque errors, and rest without each contact"):
             limits = Limits.from_now(nodes, time_limit)
             result = robustness(
                 solution.problem, solution.torques, node_limit=nodes, time_limit=limits.seconds_left
@@ -83,7 +85,7 @@ def _gap_lines(scene: Scene, result: Robustness) -> list[str]:
     points = scene.contacts.points
     gapped = [contact for contact in result.relies_on if points[contact].distance > _TOUCHING_GAP]
     return [
-        f"contact {contact} ({points[contact].body}) has to close its gap of "
+        f"contact {contact} ({points[contact].body}) must first close its gap of "
         f"{1e3 * points[contact].distance:.3g} mm"
         for contact in sorted(gapped, key=lambda contact: -points[contact].distance)
     ]
@@ -92,7 +94,7 @@ def _gap_lines(scene: Scene, result: Robustness) -> list[str]:
 def _remedy_lines(scene: Scene, solution: TorqueSolution, nodes: int, limits: Limits) -> list[str]:
     """Return lines on which bodies may squeeze the object, and on changes that make it hold."""
     problem = solution.problem
-    with waiting_for("trying what would make it hold"):
+    with waiting_for("searching for changes that make it hold"):
         bounds = contact_force_bounds(
             problem.with_changes(cone="round"),
             solution.torques,

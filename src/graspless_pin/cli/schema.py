@@ -11,7 +11,9 @@ from graspless_pin.scene import scene_json_schema
 
 
 def schema(
-    study: Annotated[bool, typer.Option("--study", help="That of a study file instead.")] = False,
+    study: Annotated[
+        bool, typer.Option("--study", help="Print the schema of a study file.")
+    ] = False,
 ) -> None:
     """Print the JSON schema of a scene file, or of a study file.
 

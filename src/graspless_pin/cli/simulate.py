@@ -39,32 +39,32 @@ _RANGES_TIME = 10.0  # s; by then most ranges are proven
 def simulate_scene(
     scene: Annotated[Path, typer.Argument(help="Scene file (YAML), without a motion.")],
     algorithm: Annotated[
-        str | None, typer.Option(help=f"Whose torques; default: the file's. {AIMS}.")
+        str | None, typer.Option(help=f"Default: that of the scene file. {AIMS}.")
     ] = None,
     required: Annotated[
         RequiredStability | None,
-        typer.Option("--stability", help="strong: torques of which rest is the only outcome."),
+        typer.Option("--stability", help="strong: torques under which rest is the only outcome."),
     ] = None,
     controller: ControllerOption = None,
     push: Annotated[
-        str, typer.Option(metavar="FX,FY,FZ", help="Force on the object's centre of mass, N.")
+        str, typer.Option(metavar="FX,FY,FZ", help="Extra force on the centre of mass, N.")
     ] = "0,0,0",
     friction_factor: Annotated[
         float, typer.Option(metavar="X", help="Multiply all coefficients of friction by this.")
     ] = 1.0,
-    seconds: Annotated[float, typer.Option(metavar="S", help="How long after the release.")] = 2.0,
+    seconds: Annotated[float, typer.Option(metavar="S", help="Time after the release, s.")] = 2.0,
     protocol: Annotated[
         LoadingProtocol,
         typer.Option(
-            help="fixture: hold the object while the load grows; step: all at once, with impact."
+            help="fixture: hold the object while the torques grow; step: apply all loads at once."
         ),
     ] = LoadingProtocol.FIXTURE,
     save: Annotated[
         Path | None,
         typer.Option(
             metavar="FILE",
-            help="Write a time-lapse page (.html), or a video (.mp4) where a renderer and an "
-            "encoder are found.",
+            help="Write a time-lapse page (.html), or a video (.mp4) if a renderer and an encoder "
+            "are found.",
         ),
     ] = None,
     export: Annotated[
@@ -73,11 +73,12 @@ def simulate_scene(
     overwrite: OverwriteOption = False,
     **figures: Any,
 ) -> None:
-    """Simulate a scene's rest with MuJoCo: does the object stay under constant torques?
+    """Simulate a scene's rest with MuJoCo: does the object stay under its torques?
 
-    It is held in a fixture while the torques grow, and then released; or all acts at once.
+    The object is held in a fixture while the torques grow, and then released. With --protocol step
+    there is no fixture, and everything acts at once.
 
-    Exit code 0: held; 1: shifted, moved or crept, or there are no torques; 2: bad input;
+    Exit code 0: held; 1: shifted, moved or crept, or no torques were found; 2: bad input;
     4: held, and something serious is wrong with the scene.
 
     Examples:
@@ -87,14 +88,18 @@ def simulate_scene(
     with plain_errors():
         force = three_numbers("--push", push)
         if save is not None and save.suffix.lower() not in (".html", ".mp4"):
-            raise ArgumentError("--save", f"needs a file that ends in .html or .mp4, got '{save}'")
+            raise ArgumentError(
+                "--save", f"found '{save}'; needs a file that ends with .html or .mp4"
+            )
         as_page = save is not None and save.suffix.lower() == ".html"
         check_output(
             "--save", save, OutputKind.PAGE if as_page else OutputKind.PICTURE, overwrite=overwrite
         )
         check_output("--export", export, OutputKind.MODEL, overwrite=overwrite)
         if save is not None and save == export:
-            raise ArgumentError("--export", f"names the file that --save writes, '{save}'")
+            raise ArgumentError(
+                "--export", f"is the same file as --save, '{save}'; choose another name"
+            )
         checked_figures(friction_factor, seconds)
         loaded, solution = solved_scene(scene, algorithm, controller, stability=required, **figures)
         with waiting_for("simulating"):

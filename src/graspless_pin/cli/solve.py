@@ -51,9 +51,9 @@ _FIGURES: dict[str, tuple[Any, str]] = {
     "margin": (float, "Required margin e0 of Algorithm 2, N."),
     "scale": (
         TorqueScale,
-        "absolute: largest |torque|; limits: largest share of a joint's limit.",
+        "Minimize the largest |torque| (absolute) or the largest |torque| / limit (limits).",
     ),
-    "regularization": (float, "Epsilon of the regularised program."),
+    "regularization": (float, "Weight of the sum of squared contact forces."),
 }
 """Type and help of the figures of Algorithms 1 and 2; other objectives annotate their own."""
 
@@ -114,36 +114,40 @@ def _figure_options(taken_names: Container[str]) -> Iterator[inspect.Parameter]:
 @with_objective_options
 def solve_scene(
     scene: Annotated[Path, typer.Argument(help="Scene file (YAML).")],
-    algorithm: Annotated[str | None, typer.Option(help=f"{AIMS}.")] = None,
+    algorithm: Annotated[
+        str | None, typer.Option(help=f"Default: that of the scene file. {AIMS}.")
+    ] = None,
     json_file: Annotated[
         str | None, typer.Option("--json", metavar="FILE|-", help="Write the solution as JSON.")
     ] = None,
     sign_rule: Annotated[
-        SignRule | None, typer.Option(help="Rule on virtual-sliding signs.")
+        SignRule | None, typer.Option(help="Rule on the signs of virtual sliding.")
     ] = None,
     sliding_rule: Annotated[
         SlidingRule | None,
-        typer.Option(help="Whether sliding contacts need a virtual sliding, too."),
+        typer.Option(help="Whether contacts in actual sliding limit virtual motions, too."),
     ] = None,
     static_friction: Annotated[
-        StaticFriction | None, typer.Option(help="coulomb drops the virtual-sliding rule.")
+        StaticFriction | None, typer.Option(help="coulomb: no rule of virtual sliding.")
     ] = None,
-    solver: Annotated[str | None, typer.Option(help="piqp, proxqp, highs, clarabel, ...")] = None,
-    search: Annotated[Search | None, typer.Option(help="How the modes are searched.")] = None,
-    node_limit: Annotated[int | None, typer.Option(help="Most nodes of the search.")] = None,
-    time_limit: Annotated[float | None, typer.Option(help="Most seconds of the search.")] = None,
+    solver: Annotated[str | None, typer.Option(help="auto, piqp, proxqp, highs, ...")] = None,
+    search: Annotated[
+        Search | None, typer.Option(help="enumerate: list all modes instead of searching.")
+    ] = None,
+    node_limit: Annotated[int | None, typer.Option(help="Node limit of the search.")] = None,
+    time_limit: Annotated[float | None, typer.Option(help="Time limit of the search, s.")] = None,
     direction_gap: Annotated[
-        float | None, typer.Option(help="Relative gap of --sign-rule direction.")
+        float | None, typer.Option(help="Relative optimality gap of --sign-rule direction.")
     ] = None,
     stability: Annotated[
         RequiredStability | None,
-        typer.Option(help="strong: torques of which rest is the only outcome."),
+        typer.Option(help="strong: torques under which rest is the only outcome."),
     ] = None,
     verdict_nodes: Annotated[
         int | None,
         typer.Option(
-            help=f"Most nodes (sets of outcomes) of a verdict; default: {BRIEF_NODE_LIMIT}, and "
-            f"{NODE_LIMIT} for --stability strong."
+            help=f"Node limit (sets of outcomes) of a verdict. Default: {BRIEF_NODE_LIMIT}, or "
+            f"{NODE_LIMIT} with --stability strong."
         ),
     ] = None,
     controller: ControllerOption = None,
@@ -151,8 +155,8 @@ def solve_scene(
         bool,
         typer.Option(
             "--no-verdict",
-            help="Ask neither whether the object stays nor for the margin at worst, and do not "
-            "check the proof.",
+            help="Skip the verdict on whether the object stays, the margin at worst and the check "
+            "of the proof.",
         ),
     ] = False,
     overwrite: OverwriteOption = False,
@@ -196,7 +200,7 @@ def solve_scene(
         if json_file != "-":
             typer.echo(scene_solution_text(loaded, solution, note, bounds, answer))
             if answer is not None and answer.found:
-                typer.echo(f"\nHow far each may be off: graspless-pin tolerances {scene}")
+                typer.echo(f"\nHow far each quantity may be off: graspless-pin tolerances {scene}")
         # After what was found: not every answer has a document, and not every file can be written.
         if json_file is not None:
             from graspless_pin.report import solution_document, write_document
@@ -231,11 +235,11 @@ def _refuse_idle_options(
          given["direction_gap"] is not None and requested["sign_rule"] != SignRule.DIRECTION,
          "this sign rule; ask for --sign-rule direction, or leave it out"),
         ("--search", given["search"] == Search.ENUMERATE and is_coulomb,
-         "--static-friction coulomb, which leaves one mode; leave one out"),
+         "--static-friction coulomb, which has only one mode; leave one out"),
     ]  # fmt: skip
     for option, is_idle, beside in idle:
         if is_idle:
-            raise ArgumentError(option, f"would change nothing beside {beside}")
+            raise ArgumentError(option, f"has no effect with {beside}")
 
 
 def solution_and_answer(
@@ -287,8 +291,8 @@ def solved_scene(
     emit(*solution.findings)
     show_findings()
     if not solution.found:
-        for_all = "" if answer is None else " for all that the scene says is not known"
-        typer.echo(f"there are no torques{for_all}: {solution.status.message}")
+        for_all = "" if answer is None else " that serve the scene's whole uncertainty"
+        typer.echo(f"no torques were found{for_all}: {solution.status.message}")
         if answer is not None:
             typer.echo(f"which members are in conflict, and what helps: graspless-pin solve {path}")
         raise typer.Exit(exit_code(solution))
@@ -323,7 +327,7 @@ def judged_solution(
         answer = proven_answer(answer)
         solution = answer.solution.of_source(scene)
         # Not every scene has verdicts.
-        with waiting_for("looking for verdicts at the corners"), suppress(ArgumentError):
+        with waiting_for("computing verdicts at the corners"), suppress(ArgumentError):
             answer = with_corner_verdicts(scene, answer, verdict_nodes)
     if not no_verdict and (answer is None or answer.found):
         solution, verdict, note = proven_and_verdict(scene, solution, verdict_nodes)
@@ -348,7 +352,7 @@ def _force_bounds(scene: Scene, solution: TorqueSolution) -> ContactForceBounds 
     """Return the margins (32) under the torques, within limits of nodes and time."""
     if solution.rules.sign is SignRule.DIRECTION:
         return None
-    with waiting_for("looking for the margin at worst"):
+    with waiting_for("searching for the margin at worst"):
         return contact_force_bounds(
             rest_problem(scene, solution.problem, solution.torques),
             solution.torques,
@@ -376,7 +380,7 @@ def proven_and_verdict(
     verdict, reason = None, ""
     if solution.found:
         try:
-            with waiting_for("looking for a verdict"):
+            with waiting_for("computing the verdict"):
                 verdict = solution_verdict(scene, solution, node_limit=limit)
         except ArgumentError as error:
             reason = f"no verdict: {error}"

@@ -25,28 +25,30 @@ def study(
         Path, typer.Option("--output", "-o", help="Table to write: .parquet or .csv.")
     ],
     workers: Annotated[
-        int | None, typer.Option(min=1, help="Processes on this machine; default: all cores.")
+        int | None,
+        typer.Option(min=1, help="Processes on this machine. Default: one for each core."),
     ] = None,
     dask: Annotated[
         str | None,
         typer.Option(metavar="ADDRESS", help="Compute on the workers of this Dask scheduler."),
     ] = None,
     overwrite: Annotated[
-        bool, typer.Option("--overwrite", help="Replace an output that is another study's.")
+        bool,
+        typer.Option("--overwrite", help="Replace a file of another study, or of no study."),
     ] = False,
     fresh: Annotated[
-        bool, typer.Option("--fresh", help="Drop what an earlier run of this study has left.")
+        bool, typer.Option("--fresh", help="Discard the results of an earlier run of this study.")
     ] = False,
     progress: Annotated[bool, typer.Option(help="Show a progress bar.")] = True,
     proofs: Annotated[
         Path | None,
-        typer.Option(metavar="DIR", help="Write each sample's document, with its proof, there."),
+        typer.Option(metavar="DIR", help="Folder for each sample's document with its proof."),
     ] = None,
 ) -> None:
-    """Compute a study, or go on with one that was interrupted or killed.
+    """Compute a study, or continue one that was interrupted or killed.
 
-    Exit code 0: samples were found; 1: none; 2: bad input; 4: found, and some of them have serious
-    findings, such as a hand that touches nothing; 130: interrupted.
+    Exit code 0: torques were found for some samples; 1: for none; 2: bad input; 4: found, and some
+    of these samples have serious findings, such as a hand that touches nothing; 130: interrupted.
 
     Examples:
         graspless-pin study study.yaml -o results.parquet
@@ -67,7 +69,7 @@ def study(
                     progress=progress, overwrite=overwrite, fresh=fresh,
                 )  # fmt: skip
         except KeyboardInterrupt:
-            typer.echo("interrupted; run the same command again to go on", err=True)
+            typer.echo("interrupted; run the same command again to continue", err=True)
             raise typer.Exit(INTERRUPTED) from None
         typer.echo(results_summary(output))
         typer.echo(f"{output} after {time.monotonic() - begin:.1f} s")

@@ -25,31 +25,33 @@ ATTAINABLE_TIME = 60.0  # s
 @with_objective_options
 def tolerances_of_scene(
     scene: Annotated[Path, typer.Argument(help="Scene file (YAML).")],
-    algorithm: Annotated[str | None, typer.Option(help=f"Whose torques. {AIMS}.")] = None,
+    algorithm: Annotated[
+        str | None, typer.Option(help=f"Default: that of the scene file. {AIMS}.")
+    ] = None,
     controller: ControllerOption = None,
     attainable: Annotated[
         bool,
         typer.Option(
             "--attainable",
-            help="Tell, too, how far each may be off if torques are chosen for it, as far as found "
-            f"in {ATTAINABLE_TIME:g} s.",
+            help="Also report how far each may be off with torques chosen for it alone, as far as "
+            f"found in {ATTAINABLE_TIME:g} s.",
         ),
     ] = False,
     json_file: Annotated[
         str | None,
-        typer.Option("--json", metavar="FILE|-", help="Write the torques and figures as JSON, SI."),
+        typer.Option("--json", metavar="FILE|-", help="Write torques and tolerances as JSON, SI."),
     ] = None,
     overwrite: OverwriteOption = False,
     **figures: Any,
 ) -> None:
     """Report how far mass, pushes, friction and torques may be off, each by itself.
 
-    The torques are those that solve finds: for all that the scene says is not known, if it does.
-    They stay as they are; contact forces are the best under plain Coulomb friction. With
-    --attainable stands beside how far each may be off if torques are chosen for it alone.
+    The torques are those that solve finds, for the whole uncertainty if the scene has one. They do
+    not change; contact forces are the best that plain Coulomb friction allows. --attainable adds
+    how far each quantity may be off with torques chosen for it alone.
 
-    Exit code 0: each figure is told; 1: there are no torques; 2: bad input; 4:
-    told, and something serious is wrong with the scene.
+    Exit code 0: the tolerances are printed; 1: no torques were found; 2: bad input; 4:
+    printed, and something serious is wrong with the scene.
 
     Examples:
         graspless-pin tolerances scene.yaml
@@ -74,8 +76,8 @@ def tolerances_of_scene(
         typer.echo(str(result))
         if result.feedback is None or not result.feedback.any():
             typer.echo(
-                "Torques are constant: under --controller K joint stiffness adds to them, where a "
-                "motion that no contact resists bears nothing."
+                "These torques are constant: along a motion that no contact resists they tolerate "
+                "no error. With --controller K joint stiffness adds torques there."
             )
     raise typer.Exit(ExitCode.FOUND)
 
@@ -95,7 +97,7 @@ def tolerances_under(
         quantities: Which quantities.
         attainable: Whether to compute, too, how far each may be off if torques are chosen for it.
     """
-    with waiting_for("looking how far each may be off"):
+    with waiting_for("computing tolerances"):
         return scene.tolerances(
             solution.torques,
             quantities=quantities,

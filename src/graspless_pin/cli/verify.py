@@ -16,13 +16,13 @@ from graspless_pin.report.verify import Verification, verify_document
 def verify(
     files: Annotated[
         list[Path],
-        typer.Argument(metavar="FILE...", help="Documents (JSON) of solutions, found or not."),
+        typer.Argument(metavar="FILE...", help="Solution documents (JSON)."),
     ],
 ) -> None:
     """Check solutions from their JSON with numpy alone: each figure, and the whole proof.
 
-    Exit code 0: all that they claim is proven; 1: something is not so; 2: not such a document;
-    3: nothing is wrong, but a document does not hold the proof of all that it claims.
+    Exit code 0: all that they claim is proven; 1: a check fails; 2: not a solution document;
+    3: no check fails, but a document does not contain the proof of all that it claims.
 
     Examples:
         graspless-pin verify solution.json

@@ -15,12 +15,12 @@ from graspless_pin.viewer.page import DEFAULT_PORT, view
 def view_scene(
     scene: Annotated[Path, typer.Argument(help="Scene file (YAML).")],
     host: Annotated[
-        str, typer.Option(help="Address to listen at; the default is this machine only.")
+        str, typer.Option(help="Address to listen at. Default: reachable from this machine only.")
     ] = "127.0.0.1",
-    port: Annotated[int, typer.Option(help="Port, or the next free one above it.")] = DEFAULT_PORT,
+    port: Annotated[int, typer.Option(help="If it is taken, the next free one.")] = DEFAULT_PORT,
     no_open: Annotated[bool, typer.Option("--no-open", help="Do not open a browser.")] = False,
 ) -> None:
-    """Show a scene on an interactive page until it is interrupted (Ctrl-C).
+    """Show a scene on an interactive page until the command is interrupted (Ctrl-C).
 
     Examples:
         graspless-pin view scene.yaml
