@@ -233,17 +233,17 @@ FINE = {
 @pytest.mark.parametrize(
     ("vary", "sampling", "message"),
     [
-        (PLANE, {}, "adaptive needs 'depth', how often it may halve, or 'samples'"),
+        (PLANE, {}, "adaptive needs 'depth', the number of halvings, or 'samples'"),
         (PLANE, {"depth": 0}, "sampling.depth: found 0"),
-        (PLANE, {"samples": 19}, "sampling.samples: is 19, and the grid to begin with has 20"),
+        (PLANE, {"samples": 19}, "sampling.samples: is 19, but the initial grid has 20"),
         (PLANE, {"depth": 2, "border": "mode"}, "needs compute: {mode: true}"),
         (PLANE, {"depth": 2, "border": "margin_N"}, "sampling.border"),
-        (PLANE, {"depth": 2, "method": "grid"}, "'depth' goes with adaptive alone"),
-        (FINE, {"depth": 16}, "sampling.depth: makes a grid that is too fine"),
+        (PLANE, {"depth": 2, "method": "grid"}, "'depth' has an effect only with adaptive"),
+        (FINE, {"depth": 16}, "sampling.depth: makes a grid of too many points"),
         *(
             ({"friction.default": entry}, {"depth": 2}, message)
             for entry, message in (
-                ({"values": [0.1, 0.2]}, "refines 1 to 4 ranges, and 0 vary"),
+                ({"values": [0.1, 0.2]}, "adaptive needs 1 to 4 ranges, found 0"),
                 ({"from": 0.1, "to": 0.2}, "a range on a grid needs 'steps'"),
             )
         ),

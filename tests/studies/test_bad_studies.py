@@ -29,24 +29,24 @@ LOADING = {
     "steps: 3": {
         "step: 3": ":3: vary['friction.default'].step: unknown key; did you mean 'steps'?",
         "count: 3": (
-            ":3: vary['friction.default']: found count; how many values a range has is its key "
-            "'steps'"
+            ":3: vary['friction.default']: found count; the key for the number of values of a "
+            "range is 'steps'"
         ),
-        "steps: 1": ":3: vary['friction.default']: one step has",
+        "steps: 1": ":3: vary['friction.default']: one step gives",
         "steps: 10000000, scale: linear}\n  max_normal_force: {from: 10, to: 20, steps: 2": (
-            ": makes 20000000 samples; at most 10000000 are possible"
+            ": gives 20000000 samples; at most 10000000 are possible"
         ),
     },
     "from: 0.2, to: 0.6": {
         "from: 0.6, to: 0.2": (
-            ":3: vary['friction.default']: the range from 0.6 to 0.2 is empty; 'from' is the "
+            ":3: vary['friction.default']: the range from 0.6 to 0.2 is empty; 'from' must be "
             "smaller"
         ),
     },
     ", steps: 3": {
-        "": ":3: vary['friction.default']: a range on a grid needs 'steps', how many values",
+        "": ":3: vary['friction.default']: a range on a grid needs 'steps', the number of",
     },
-    "to: 0.6": {"to: 0.2": ": from 0.2 to 0.2 is one value, not 3"},
+    "to: 0.6": {"to: 0.2": ": from 0.2 to 0.2 is one value; 'steps' must not be 3"},
     "algorithm: margin": {
         "sample_time_limit: 0": (
             ":7: compute.sample_time_limit: found 0; needs a finite number > 0, at most 1e+06"
@@ -56,16 +56,18 @@ LOADING = {
         ),
     },
     "unit: deg": {
-        "unit: degree": ":5: vary.slope.unit: 'degree' is no unit of angle; needs rad, deg",
-        "unit: mm": ":5: vary.slope.unit: 'mm' is no unit of angle; needs rad, deg",
+        "unit: degree": ":5: vary.slope.unit: 'degree' is not a unit of angle; use rad or deg",
+        "unit: mm": ":5: vary.slope.unit: 'mm' is not a unit of angle; use rad or deg",
     },
-    TURN: {TURN + ", key: friction": ":4: vary.slope: found key and turn; give one"},
+    TURN: {TURN + ", key: friction": ":4: vary.slope: found key and turn; give only one"},
     "what: all": {
         "what: [all, wall]": (
-            ":5: vary.slope.turn: what: 'wall' is nothing in the scene; did you mean 'all'? known:"
+            ":5: vary.slope.turn: what: no body of the scene is named 'wall'; "
+            "did you mean 'all'? known:"
         ),
         "what: all, frame: moon": (
-            ":5: vary.slope.turn: frame: 'moon' is no body; known: object, cuboid, slope, hand,"
+            ":5: vary.slope.turn: frame: no body of the scene is named 'moon'; "
+            "known: object, cuboid, slope, hand,"
         ),
     },
     VALUES: {"values: [up]": "vary.slope.values: 'turn' needs numbers"},
@@ -94,18 +96,18 @@ LOADING = {
             ":3: vary['solve.margin']: is no option of the algorithm 'margin' and would change"
         ),
         "materials.rubber.cardboard": (
-            ":3: vary['materials.rubber.cardboard']: sets materials.rubber.cardboard, which counts "
-            "nowhere, for the object is of no material, hand and supports are of no material"
+            ":3: vary['materials.rubber.cardboard']: sets materials.rubber.cardboard, which has "
+            "no effect: the object is of no material, hand and supports are of no material"
         ),
     },
     GRID: {
-        "{samples: 3}": ":6: sampling: a grid has as many samples as its",
-        "{method: sobol}": ":6: sampling: sobol needs 'samples', how many",
+        "{samples: 3}": ":6: sampling: 'samples' has no effect on a grid",
+        "{method: sobol}": ":6: sampling: sobol needs 'samples', the number",
         "{method: sobol, samples: true}": (
             ":6: sampling.samples: found True; needs a whole number >= 1"
         ),
         "{method: sobol, samples: 4}": (
-            ":3: vary['friction.default'].steps: goes with a grid; leave it out"
+            ":3: vary['friction.default'].steps: has an effect only on a grid; leave it out"
         ),
         "{method: random}": (
             ":6: sampling.method: found 'random'; needs 'grid', 'latin_hypercube', 'sobol' or "
@@ -115,10 +117,10 @@ LOADING = {
     RANGE: {
         "{values: [1], from: 0, to: 1}": ": found values and a range;",
         "{from: 0, to: 1, steps: 2, scale: log}": (
-            ": a log scale needs positive values, found from 0"
+            ": a log scale needs positive values, but 'from' is 0"
         ),
-        "{values: [a], unit: '1'}": ".unit: goes with numbers only",
-        "{values: [1], unit: kg}": ": 'kg' is no unit of plain numbers; needs 1",
+        "{values: [a], unit: '1'}": ".unit: requires numbers",
+        "{values: [1], unit: kg}": ": 'kg' is not a unit of plain numbers; use 1",
         "{values: [1], unit: g, key: object.mas}": (
             ".key: object.mas: unknown key; did you mean 'mass'?"
         ),
@@ -126,8 +128,7 @@ LOADING = {
             ": solve.margin is no option of the algorithm 'margin' and would change nothing here"
         ),
         "{values: [1], set: [{key: object.mass}, {key: gravity.0}]}": (
-            "set: its keys are measured in different units: object.mass (mass), gravity.0 "
-            "(acceleration)"
+            "set: its keys have different units: object.mass (mass), gravity.0 (acceleration)"
         ),
     },
 }
@@ -167,7 +168,8 @@ CHECKING = {
             "finger_1/hinge, finger_6/hinge"
         ),
         "status: {values: [0.1], key: friction}": (
-            ":3: vary.status: its column would be called 'status' like another one of the results;"
+            ":3: vary.status: its column 'status' would have the name of another column of the "
+            "results;"
         ),
     },
     "algorithm: margin": {
@@ -246,7 +248,7 @@ def test_given_contacts_do_not_move(tmp_path):
     file.write_text(yaml.safe_dump(scene), encoding="utf-8")
     content = {"scene": "scene.yaml", "vary": {"slope": SLOPE}}
     with pytest.raises(
-        StudyError, match="turn: the scene gives its contacts, which would not move"
+        StudyError, match="turn: the scene states its contacts, which would not move"
     ):
         load_study(study_file(tmp_path, content))
 
@@ -263,8 +265,8 @@ def test_a_wrong_scene_is_the_scenes_error(tmp_path):
 @pytest.mark.parametrize(
     ("name", "message"),
     [
-        ("out.xlsx", "'.xlsx' is no known format; end the name with .parquet or .csv"),
-        ("out", "'no ending' is no known format"),
+        ("out.xlsx", "'.xlsx' is not a known format; the name must end with .parquet or .csv"),
+        ("out", "'no ending' is not a known format"),
         ("missing/out.csv", "there is no folder"),
         ("study.yaml/out.csv", "there is no folder"),
         ("folder.csv", "is a folder; name a file in it"),

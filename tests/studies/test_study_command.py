@@ -35,9 +35,7 @@ def test_a_study_from_the_command_line(tmp_path):
     again = run("study", file, "-o", output, "--no-progress")
     assert again.exit_code == 0 and again.stderr == ""
     told = run("study", file, "-o", output)
-    assert (
-        told.stderr == f"{output} is complete: nothing is left to compute (--fresh begins anew)\n"
-    )
+    assert told.stderr == f"{output} is complete; to compute it again: --fresh\n"
 
 
 @pytest.mark.parametrize(("need_hand", "code"), [(True, 4), (False, 0)])
@@ -72,7 +70,7 @@ def test_going_on_is_told(tmp_path, capsys):
         with suppress(StudyError):
             run_study(made, output, executor=Here(limit))
         stderr = capsys.readouterr().err
-        assert ("goes on: 5 samples are there from an earlier run" in stderr) == told
+        assert ("continues: an earlier run computed 5 samples" in stderr) == told
 
 
 def test_nothing_found(tmp_path):
@@ -86,7 +84,7 @@ def test_nothing_found(tmp_path):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["-o", "out.txt"], "error: out.txt: '.txt' is no known format"),
+        (["-o", "out.txt"], "error: out.txt: '.txt' is not a known format"),
         (["-o", "out.csv", "--dask", "nowhere"], "error: no Dask scheduler answers at 'nowhere'"),
     ],
 )
@@ -107,4 +105,4 @@ def test_interrupted(tmp_path, monkeypatch):
     file = study_file(tmp_path, data({"friction": FRICTION}))
     result = run("study", file, "-o", tmp_path / "out.csv")
     assert result.exit_code == 130
-    assert result.stderr == "interrupted; run the same command again to go on\n"
+    assert result.stderr == "interrupted; run the same command again to continue\n"

@@ -53,7 +53,7 @@ def test_a_line_without_rows_or_of_a_sample_that_no_study_has_is_refused(journal
     """It would have memory for all samples before it; its checksum fits."""
     text = json.dumps(columns).encode()
     journal.write_bytes(journal.read_bytes() + b"%08x %s\n" % (zlib.crc32(text), text))
-    with pytest.raises(StudyError, match=r"out\.csv\.journal:5: is damaged"):
+    with pytest.raises(StudyError, match=r"out\.csv\.journal:5: the line is damaged"):
         rows_of(journal)
 
 
@@ -106,7 +106,9 @@ def test_damage_is_told_with_its_line(journal):
     damaged = lines[2].replace(b"false", b"true")
     assert damaged != lines[2]
     journal.write_bytes(b"".join([*lines[:2], damaged, lines[3]]))
-    with pytest.raises(StudyError, match=r"out\.csv\.journal:3: is damaged: .* delete this line"):
+    with pytest.raises(
+        StudyError, match=r"out\.csv\.journal:3: the line is damaged: .* delete it to"
+    ):
         rows_of(journal)
     journal.write_bytes(b"".join([*lines[:2], lines[3]]))
     assert sorted(rows_of(journal)) == [3, 11]
@@ -122,7 +124,7 @@ def test_a_journal_killed_as_it_began_is_begun_anew(journal, kept):
 
 def test_notes_without_a_line_end_are_kept(journal):
     journal.write_bytes(b"notes")
-    with pytest.raises(StudyError, match="is no journal of a study"):
+    with pytest.raises(StudyError, match="is not the journal of a study"):
         rows_of(journal)
     assert journal.read_bytes() == b"notes"
 

@@ -58,7 +58,7 @@ def test_a_sample_is_what_placing_by_hand_and_solving_give(made, monkeypatch):
         assert row["place_rank"] == rank and row["places_found"] == len(places)
         if rank > len(places):
             assert row["status"] == "not_placed" and not row["found"] and "margin_N" not in row
-            few = f"there is no place of rank {rank:g}: {len(places)} were found"
+            few = f"there is no place of rank {rank:g}; places found: {len(places)}"
             none = f"no place among 6 candidates: {next(iter(found[seed, mass].faults.values()))} x"
             assert row["reason"].startswith(few if places else none)
             continue
@@ -120,8 +120,8 @@ def test_seeds_and_ranks_are_drawn_as_whole_numbers(made, tmp_path):
 MISTAKES = {
     "place: {sed: 1}": ":1: place.sed: unknown key; did you mean 'seed'?",
     "place: {rank: 0}": ":1: place.rank: found 0; needs a whole number >= 1",
-    "place: {}\nclose: {}": "found place and close; placing closes the fingers",
-    "close: {}": ":4: vary['place.seed']: sets place.seed, and the study does not place; add",
+    "place: {}\nclose: {}": "found place and close; place closes the fingers, too",
+    "close: {}": ":4: vary['place.seed']: sets place.seed, but the study has no 'place'; add",
 }
 
 
@@ -154,7 +154,7 @@ def test_a_mistake_of_an_option_is_named_before_anything_runs(made, tmp_path, pl
 def test_a_scene_without_a_hand_or_with_given_contacts_has_nothing_to_place(tmp_path):
     point = {"body": "table", "position": [0, 0, 0], "normal": [0, 0, 1]}
     vary = {"object.mass": {"values": [1.0]}}
-    for change, said in (({"hand": None}, "has no hand"), ({"contacts": [point]}, "gives its")):
+    for change, said in (({"hand": None}, "has no hand"), ({"contacts": [point]}, "states its")):
         (tmp_path / "far.yaml").write_text(yaml.safe_dump(FAR | change), encoding="utf-8")
         for key in ("place", "close"):
             with pytest.raises(StudyError, match=f"{key}: the scene {said}"):

@@ -94,7 +94,7 @@ def rows_in(journal):
         return 0
 
 
-CRASHED = ("crashed", "the process was ended by SIGSEGV, and so was a second one")
+CRASHED = ("crashed", "the process was ended by SIGSEGV, and a second process ended, too")
 OUT_OF_TIME = ("out_of_time", "took longer than 3 s (sample_time_limit)")
 
 

@@ -142,7 +142,9 @@ def test_a_stopped_run_goes_on_where_it_was(tmp_path):
     seen = []
     for limit in (3, 5):
         here = Here(limit)
-        with pytest.raises(StudyError, match=r"pulled the plug.*; the rows so far are kept: run"):
+        with pytest.raises(
+            StudyError, match=r"pulled the plug.*; the rows computed so far are kept: run"
+        ):
             run(made, file, here)
         assert not file.exists()
         seen += here.samples
@@ -194,7 +196,7 @@ def test_another_studys_output_is_kept(tmp_path):
     here = Here()
     note = tmp_path / "note.csv"  # nor is any other file written over
     note.write_text("a,b\n1,2\n", encoding="utf-8")
-    with pytest.raises(StudyError, match=r"holds no results of a study.*--overwrite"):
+    with pytest.raises(StudyError, match=r"does not hold results of a study.*--overwrite"):
         run(study(), note)
     assert note.read_text(encoding="utf-8") == "a,b\n1,2\n"
     for options in ({}, {"fresh": True}):
@@ -233,7 +235,7 @@ def test_another_studys_journal_is_kept(tmp_path):
             run(other, file, **options)
     assert journal.read_bytes() == before
     journal.write_text("notes\n", encoding="utf-8")
-    with pytest.raises(StudyError, match="is no journal of a study"):
+    with pytest.raises(StudyError, match="is not the journal of a study"):
         run(other, file)
     assert len(run(other, file, overwrite=True)) == 1
 
@@ -350,7 +352,7 @@ def test_two_runs_do_not_write_one_journal(tmp_path):
 
     class Meddling(Here):
         def submit(self, fn, /, *args, **kwargs):
-            with pytest.raises(StudyError, match="another run writes it now"):
+            with pytest.raises(StudyError, match="another run is writing this file"):
                 run(made, file)
             return super().submit(fn, *args, **kwargs)
 
@@ -360,12 +362,12 @@ def test_two_runs_do_not_write_one_journal(tmp_path):
 def test_a_damaged_result_is_no_result(tmp_path):
     for name in ("a.csv", "a.parquet"):
         (tmp_path / name).write_text("x", encoding="utf-8")
-        with pytest.raises(StudyError, match="holds no results of a study"):
+        with pytest.raises(StudyError, match="does not hold results of a study"):
             read_results(tmp_path / name)
         with pytest.raises(StudyError, match="there is no such file"):
             read_results(tmp_path / f"b{name}")
         (tmp_path / f"b{name}.journal").touch()
-        with pytest.raises(StudyError, match="its study has not ended: run it again"):
+        with pytest.raises(StudyError, match="its study is not complete: run it again"):
             read_results(tmp_path / f"b{name}")
 
 

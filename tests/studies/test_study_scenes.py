@@ -286,5 +286,5 @@ def test_a_pair_that_counts_nowhere_is_refused(tmp_path, pair):
     """Also where both materials are known: the table would vary and no contact would."""
     with pytest.raises(StudyError) as error:
         of_materials(tmp_path, {f"materials.{pair}": {"values": [0.2, 0.4]}})
-    assert f"sets materials.{pair}, which counts nowhere" in str(error.value)
+    assert f"sets materials.{pair}, which has no effect: the object" in str(error.value)
     assert "the object is of 'cardboard', hand and supports are of 'rubber'" in str(error.value)

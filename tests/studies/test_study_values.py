@@ -59,13 +59,13 @@ def test_a_grid_of_whole_numbers_has_no_others():
     made = study({"cone_edges": {"from": 4, "to": 12, "steps": 3}})
     assert repr([sample[0] for sample in made.samples]) == "[4, 8, 12]"
     for more, words in (
-        ({"steps": 4}, r"steps: 4 from 4 to 12 are not all whole .*; 9 steps are all of them"),
+        ({"steps": 4}, r"steps: 4 values from 4 to 12 are not all whole .*; use 9 steps for all"),
         ({"from": 4.5}, r"from: found 4.5; the key needs whole numbers"),
-        ({"steps": 3, "scale": "log"}, "scale: makes no whole numbers"),
+        ({"steps": 3, "scale": "log"}, "scale: log does not give whole numbers"),
     ):
         with pytest.raises(StudyError, match=words):
             study({"cone_edges": {"from": 4, "to": 12, "steps": 3, **more}})
-    with pytest.raises(StudyError, match="whole numbers are not halved; list their values"):
+    with pytest.raises(StudyError, match="adaptive cannot halve whole numbers; list values"):
         vary = {"cone_edges": {"from": 4, "to": 12, "steps": 3}, "friction": TWO["friction"]}
         vary["friction"] = {**vary["friction"], "steps": 3}
         study(vary, sampling={"method": "adaptive", "depth": 2})

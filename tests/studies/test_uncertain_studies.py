@@ -58,7 +58,7 @@ def test_rows_have_the_torques_for_the_whole_set(tmp_path: Path) -> None:
             assert np.isnan(row["robust_max_torque_Nm"])
     served = table["robust_found"].sum()
     assert 0 < served < 6
-    said = f"torques for all that is not known exactly: {served} of 6 found"
+    said = f"torques that serve the whole uncertainty: {served} of 6 found"
     assert said in results_summary(table) and said in results_summary(output)
 
 
@@ -122,9 +122,9 @@ def test_figures_have_their_units_and_mistakes_their_names(tmp_path: Path) -> No
     scenes = [study.scene_at(one) for one in study.samples]
     offsets = [one.uncertainty.mass_offset for one in scenes if one.uncertainty is not None]
     np.testing.assert_allclose(offsets, [0.005, 0.02])
-    with pytest.raises(StudyError, match=r"unit.*'kg'.*; the key in kg is uncertainty.mass_offset"):
+    with pytest.raises(StudyError, match=r"unit.*'kg'.*; for kg use uncertainty.mass_offset"):
         share = {"from": 0.1, "to": 0.2, "steps": 2, "unit": "kg"}
         study_of(tmp_path, {"uncertainty.mass": share})
-    with pytest.raises(StudyError, match="called 'robust_found' like another"):
+    with pytest.raises(StudyError, match="its column 'robust_found' would have"):
         named = {"robust_found": {"key": "uncertainty.mass", "from": 0.1, "to": 0.2, "steps": 2}}
         run_study(study_of(tmp_path, named), tmp_path / "x.csv", executor=Here(), progress=False)

@@ -90,7 +90,7 @@ def compute_in(
                 crashes += pause == 0.0
                 pause = 0.0
                 if crashes == _PROCESSES_OF_A_SAMPLE:
-                    give_up(Failure.CRASHED, f"{error}, and so was a second one")
+                    give_up(Failure.CRASHED, f"{error}, and a second process ended, too")
                     crashes = 0
     finally:
         processes.give_back(child)
@@ -205,7 +205,7 @@ def dask_executor(address: str, timeout: float = 10.0) -> Iterator[tuple[Executo
     Raises:
         StudyError: If Dask is not installed, or the scheduler does not answer or has no workers.
     """
-    with optional_import("this needs Dask", "dask", StudyError):
+    with optional_import("computing on Dask workers needs Dask", "dask", StudyError):
         from distributed import Client
     try:
         client = Client(address, timeout=timeout, set_as_default=False)
@@ -331,6 +331,6 @@ class Dispatch:
 
 def _lost_worker_error(error: Exception) -> StudyError:
     return StudyError(
-        f"a worker failed ({type(error).__name__}: {error}); the rows so far are kept: run "
-        "the study again to go on"
+        f"a worker failed ({type(error).__name__}: {error}); the rows computed so far are "
+        "kept: run the study again to continue"
     )

@@ -88,8 +88,8 @@ class Journal:
     def _open_rows(self, identity: dict[str, Any], *, fresh: bool, overwrite: bool) -> None:
         if not _try_lock(self._file):
             raise StudyError(
-                f"{self.path}: another run writes it now; wait for its end, or choose another "
-                "output"
+                f"{self.path}: another run is writing this file; wait until it ends, or choose "
+                "another output"
             )
         self._file.seek(0)
         try:
@@ -115,20 +115,20 @@ class Journal:
         stored = _study_identity(first_line[:-1]) if first_line.endswith(b"\n") else None
         if stored is None:
             raise StudyError(
-                f"{self.path}: is no journal of a study, or its first line is damaged; choose "
+                f"{self.path}: is not the journal of a study, or its first line is damaged; choose "
                 "another output, or replace it (--overwrite)"
             )
         differing = [key for key in identity if stored.get(key) != identity[key]]
         if "fingerprint" in differing:
             raise StudyError(
-                f"{self.path}: holds the rows of another study, or of this one before it or its "
+                f"{self.path}: holds the rows of another study, or of this study before it or its "
                 "scene was changed; choose another output, or replace it (--overwrite)"
             )
         if fresh:
             return
         if differing:
             raise StudyError(
-                f"{self.path}: was begun with other versions of the libraries; begin anew "
+                f"{self.path}: was begun with other versions of the libraries; start again "
                 "(--fresh), or choose another output"
             )
         self._end = len(first_line)
@@ -163,8 +163,8 @@ class Journal:
             columns, fits = {}, False
         if not fits:
             raise StudyError(
-                f"{self.path}:{number}: is damaged: it does not fit its checksum, or no samples; "
-                "delete this line to have its samples computed again, or begin anew (--fresh)"
+                f"{self.path}:{number}: the line is damaged: its checksum or its samples are "
+                "wrong; delete it to have its samples computed again, or start again (--fresh)"
             )
         return columns
 

@@ -63,15 +63,16 @@ def check_bodies(tree: Tree, what: Sequence[str], frame: str | None, *, turns: b
     for name in what:
         if name not in known:
             words = names_in_words(name, known)
-            raise StudyError(f"what: {name!r} is nothing in the scene; {words}")
+            raise StudyError(f"what: no body of the scene is named {name!r}; {words}")
     if frame is not None and frame not in _pose_locations(tree):
         raise StudyError(
-            f"frame: {frame!r} is no body; {names_in_words(frame, _pose_locations(tree))}"
+            f"frame: no body of the scene is named {frame!r}; "
+            f"{names_in_words(frame, _pose_locations(tree))}"
         )
     if tree.get("contacts") is not None:
         raise StudyError(
-            "the scene gives its contacts, which would not move along; vary their positions, or "
-            "leave 'contacts' out of the scene to have them found"
+            "the scene states its contacts, which would not move with the bodies; vary their "
+            "positions, or leave 'contacts' out of the scene to have them found from the shapes"
         )
 
 
@@ -263,13 +264,13 @@ def make_variable(
     if not shared:
         named = [f"{item[0]} ({' or '.join(own)})" for item, own in zip(keys, kinds, strict=True)]
         listed = ", ".join(named)
-        raise fail("set", f"its keys are measured in different units: {listed}; give factors")
+        raise fail("set", f"its keys have different units: {listed}; give each a factor")
     if entry.unit is not None and shared == (ANY,):
         for (key, *_), (location, *_) in zip(keys, targets, strict=True):
             if unknown := unknown_key(tree, _schema_of(location), location):
                 raise fail("set" if sets else "key", f"{key}: {unknown}")
     offsets = [offset_key(location, UNITS.get(entry.unit or "")) for location, _, _ in targets]
-    advice = next((f"; the key in {entry.unit} is uncertainty.{key}" for key in offsets if key), "")
+    advice = next((f"; for {entry.unit} use uncertainty.{key}" for key in offsets if key), "")
     unit, is_whole = _unit_of_values(entry, shared, fail, advice), entry.values is None
     is_whole = is_whole and any(
         is_whole_number(tree, _schema_of(location), location) for location, _, _ in targets
@@ -294,11 +295,11 @@ def _check_whole_range(entry: VariableEntry, fail: Callable[..., GrasplessPinErr
     if (to - start) % (steps - 1 or 1):
         raise fail(
             "steps",
-            f"{steps} from {start:g} to {to:g} are not all whole numbers, as the key needs them; "
-            f"{to - start + 1:g} steps are all of them, or list values",
+            f"{steps} values from {start:g} to {to:g} are not all whole numbers, as the key "
+            f"requires; use {to - start + 1:g} steps for all whole numbers, or list values",
         )
     if entry.scale == "log" and entry.steps is not None:
-        raise fail("scale", "makes no whole numbers, as the key needs them; list values")
+        raise fail("scale", "log does not give whole numbers, as the key requires; list values")
 
 
 def _has_numbers(entry: VariableEntry) -> bool:
@@ -322,10 +323,10 @@ def _unit_of_values(
     if entry.unit is None:
         return SI_UNITS[kinds[0] if len(kinds) == 1 and _has_numbers(entry) else ANY]
     if not _has_numbers(entry):
-        raise fail("unit", "goes with numbers only, and some of the values are none")
+        raise fail("unit", "requires numbers, and some of the values are not numbers")
     fitting = [unit.name for unit in UNITS.values() if not kinds or unit.kind in kinds]
     if entry.unit not in fitting:
         kind_names = " or ".join(kind or "plain numbers" for kind in kinds)
         kind = f"unit of {kind_names}" if kind_names else "known unit"
-        raise fail("unit", f"{entry.unit!r} is no {kind}; needs {', '.join(fitting)}{advice}")
+        raise fail("unit", f"{entry.unit!r} is not a {kind}; use {' or '.join(fitting)}{advice}")
     return UNITS[entry.unit]

@@ -102,8 +102,8 @@ def format_of(output: Path) -> str:
     """
     if output.suffix.lower() not in _FORMATS:
         raise StudyError(
-            f"{output}: {output.suffix or 'no ending'!r} is no known format; end the name with "
-            ".parquet or .csv"
+            f"{output}: {output.suffix or 'no ending'!r} is not a known format; the name must end "
+            "with .parquet or .csv"
         )
     return _FORMATS[output.suffix.lower()]
 
@@ -119,8 +119,8 @@ def check_columns(study: Study) -> None:
         if variable.column in taken or variable.column.startswith("torque_"):
             raise study.source.error(
                 ("vary", variable.name),
-                f"its column would be called {variable.column!r} like another one of the results; "
-                "rename it and give its 'key'",
+                f"its column {variable.column!r} would have the name of another column of the "
+                "results; give the variable another name, and its scene key as 'key'",
             )
         taken.add(variable.column)
 
@@ -186,7 +186,7 @@ def write_results(study: Study, journal: Journal, output: Path) -> None:
                 os.fsync(written.fileno())
     except OSError as error:
         raise StudyError(
-            f"{output}: cannot be written ({error.strerror}); the rows stay in the journal"
+            f"{output}: cannot be written ({error.strerror}); the rows are kept in the journal"
         ) from error
 
 
@@ -312,7 +312,7 @@ def _about_and_columns(path: str | Path) -> tuple[dict[str, Any], list[str]]:
         raise StudyError(
             f"{file}: there is no such file; "
             + (
-                "its study has not ended: run it again, and it goes on"
+                "its study is not complete: run it again to continue"
                 if is_begun
                 else "check the path"
             )
@@ -328,7 +328,7 @@ def _about_and_columns(path: str | Path) -> tuple[dict[str, Any], list[str]]:
 
 
 def _no_results_error(file: Path, error: Exception) -> StudyError:
-    return StudyError(f"{file}: holds no results of a study ({error})")
+    return StudyError(f"{file}: does not hold results of a study ({error})")
 
 
 def _parquet_parts(file: Path, names: list[str] | None) -> Iterator[pd.DataFrame]:
@@ -345,7 +345,7 @@ def _csv_about(file: Path) -> dict[str, Any]:
     with file.open(encoding="utf-8") as lines:
         head = next(lines, "")
     if not head.startswith(CSV_MARK):
-        raise ValueError("its first line does not tell the study")
+        raise ValueError("its first line does not state a study")
     return json.loads(head.removeprefix(CSV_MARK))
 
 
@@ -429,7 +429,7 @@ def results_summary(table: pd.DataFrame | str | Path) -> str:
         if number or kind is Failure.FAILED:
             lines[0] += f", {number} {kind.value.replace('_', ' ')}"
     if asked:
-        lines.append(f"torques for all that is not known exactly: {served} of {asked} found")
+        lines.append(f"torques that serve the whole uncertainty: {served} of {asked} found")
     for column, (label, unit) in _EXTREMES.items():
         extremes = {word: shown.get(f"{word} {column}") for word in ("largest", "smallest")}
         figures = {f"{row[column]:.4g}" for row in extremes.values() if row is not None}

@@ -308,7 +308,7 @@ def compute_study(
             discard(journal_file, study.fingerprint)
             remove_stale_drafts(file)
             if progress:
-                _print_line(f"{file} is complete: nothing is left to compute (--fresh begins anew)")
+                _print_line(f"{file} is complete; to compute it again: --fresh")
             return
     elif file.is_file() and not overwrite:
         _own_metadata(study, file)
@@ -342,21 +342,21 @@ def _check_output_name(file: Path) -> None:
     length = len(os.fsencode(file.name))
     if length > _LONGEST_NAME:
         raise StudyError(
-            f"{file}: its name has {length} bytes; give one of at most {_LONGEST_NAME}"
+            f"{file}: its name has {length} bytes; it must have at most {_LONGEST_NAME}"
         )
     try:
         file.lstat()
     except (FileNotFoundError, NotADirectoryError):
         pass
     except (OSError, ValueError) as error:
-        raise StudyError(f"{str(file)!r}: is no path of a file ({error})") from None
+        raise StudyError(f"{str(file)!r}: is not a valid path ({error})") from None
 
 
 def _check_folder(file: Path) -> None:
     if file.is_dir():
         raise StudyError(f"{file}: is a folder; name a file in it")
     if not file.parent.is_dir():
-        raise StudyError(f"{file}: there is no folder {str(file.parent)!r}; make it first")
+        raise StudyError(f"{file}: there is no folder {str(file.parent)!r}; create it first")
     if not os.access(file.parent, os.W_OK):
         raise StudyError(f"{file}: its folder cannot be written to; choose another output")
 
@@ -369,8 +369,8 @@ def _own_metadata(study: Study, file: Path) -> dict[str, Any]:
         raise StudyError(f"{error}; choose another output, or replace it (--overwrite)") from None
     if about["fingerprint"] != study.fingerprint:
         raise StudyError(
-            f"{file}: holds the results of another study ({about['study']!r}, or of this one "
-            "before it or its scene was changed); choose another output, or replace it "
+            f"{file}: holds the results of another study ({about['study']!r}), or of this study "
+            "before it or its scene was changed; choose another output, or replace it "
             "(--overwrite)"
         )
     return about
@@ -404,7 +404,7 @@ def _compute_all_rounds(
 ) -> Study:
     """Compute the samples of all rounds into the journal; return the study with all of them."""
     if progress and journal.count:
-        _print_line(f"goes on: {journal.count} samples are there from an earlier run")
+        _print_line(f"continues: an earlier run computed {journal.count} samples")
     dispatch: Dispatch | None = None
     with _progress_bar(progress) as bar, ExitStack() as stack:
         task = bar.add_task(study.name, total=len(study.samples))
@@ -446,7 +446,7 @@ def _progress_bar(shown: bool) -> Progress:
         BarColumn(),
         MofNCompleteColumn(),
         TimeElapsedColumn(),
-        TextColumn("left:"),
+        TextColumn("time left:"),
         TimeRemainingColumn(),
         console=Console(stderr=True),
         disable=not shown,

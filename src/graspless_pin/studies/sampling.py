@@ -84,7 +84,7 @@ def grid_size(variable: Variable, fail: Callable[..., GrasplessPinError]) -> int
     if variable.entry.steps is None and not variable.is_choice and len(variable.extremes()) > 1:
         raise fail(
             ("vary", variable.name),
-            "a range on a grid needs 'steps', how many values, ends included",
+            "a range on a grid needs 'steps', the number of values, ends included",
         )
     return variable.grid_size
 
@@ -109,9 +109,11 @@ def samples_of(
         if sampling.method == "grid":
             count *= grid_size(variable, fail)
         elif variable.entry.steps is not None:
-            raise fail(("vary", variable.name, "steps"), "goes with a grid; leave it out")
+            raise fail(
+                ("vary", variable.name, "steps"), "has an effect only on a grid; leave it out"
+            )
     if count > MOST_SAMPLES:
-        raise fail(("sampling",), f"makes {count} samples; at most {MOST_SAMPLES} are possible")
+        raise fail(("sampling",), f"gives {count} samples; at most {MOST_SAMPLES} are possible")
     if sampling.method == "grid":
         return grid_samples([variable.grid_values() for variable in variables])
     from scipy.stats import qmc  # slow to load, and workers draw no samples
@@ -217,12 +219,12 @@ def adaptive_samples(
     for variable in variables:
         grid_size(variable, fail)
         if variable.is_whole and _is_halved(variable):
-            raise fail(("vary", variable.name), "whole numbers are not halved; list their values")
+            raise fail(("vary", variable.name), "adaptive cannot halve whole numbers; list values")
     ranges = sum(map(_is_halved, variables))
     if not 1 <= ranges <= _MOST_RANGES:
         raise fail(
             ("sampling", "method"),
-            f"adaptive refines 1 to {_MOST_RANGES} ranges, and {ranges} vary; use another method",
+            f"adaptive needs 1 to {_MOST_RANGES} ranges, found {ranges}; use another method",
         )
     limit = sampling.samples or MOST_SAMPLES
     depth = sampling.depth or _MOST_HALVINGS
@@ -230,14 +232,14 @@ def adaptive_samples(
         depth -= 1
     shape = _finest_grid_shape(variables, depth)
     if prod(shape) > _MOST_PLACES:
-        raise fail(("sampling", "depth"), "makes a grid that is too fine to count; lower it")
+        raise fail(("sampling", "depth"), "makes a grid of too many points; lower it")
     steps = [2**depth if _is_halved(variable) else 1 for variable in variables]
     first_places = [np.arange(0, size, step) for size, step in zip(shape, steps, strict=True)]
     if prod(map(len, first_places)) > limit:
         raise fail(
             ("sampling", "samples"),
-            f"is {limit}, and the grid to begin with has {prod(map(len, first_places))}; "
-            "take more samples, or fewer steps",
+            f"is {limit}, but the initial grid has {prod(map(len, first_places))} samples; "
+            "allow more samples, or use fewer steps",
         )
     points = np.ravel_multi_index(np.meshgrid(*first_places, indexing="ij"), shape).ravel()
     points.flags.writeable = False

@@ -265,7 +265,7 @@ def _place_hand(
     if entry.rank <= placement.found:
         return placement.places[entry.rank - 1].scene, row
     if placement.places:
-        reason = f"there is no place of rank {entry.rank}: {placement.found} were found"
+        reason = f"there is no place of rank {entry.rank}; places found: {placement.found}"
     else:
         faults = [f"{count} x {fault.words}" for fault, count in placement.faults.items()]
         reason = f"no place among {placement.tried} candidates: {'; '.join(faults)}"
@@ -311,7 +311,9 @@ def _make_study(source: YamlSource, folder: Path) -> Study:
     fail = source.error
     file = folder / entry.scene
     if not is_file(file):
-        raise fail(("scene",), f"there is no file {str(file)!r}; paths are relative to the study")
+        raise fail(
+            ("scene",), f"there is no file {str(file)!r}; paths are relative to the study file"
+        )
     scene = YamlSource.read(file, SCENE)
     validated_scene = validated(scene, SceneEntry)
     _check_posing(entry, validated_scene, fail)
@@ -364,12 +366,12 @@ def _check_posing(entry: StudyEntry, scene: SceneEntry, fail: Any) -> None:
     """Refuse to place or close the hand in a scene without a hand, or with stated contacts."""
     for key in PosingEntry.model_fields:
         if getattr(entry, key) is not None and scene.hand is None:
-            raise fail((key,), "the scene has no hand; add one to it, or leave this out")
+            raise fail((key,), "the scene has no hand; add a hand, or leave this key out")
         if getattr(entry, key) is not None and scene.contacts is not None:
             raise fail(
                 (key,),
-                "the scene gives its contacts, which would stay where they are; leave 'contacts' "
-                "out of the scene to have them found",
+                "the scene states its contacts, which would stay where they are; leave 'contacts' "
+                "out of the scene to have them found from the shapes",
             )
 
 
@@ -387,7 +389,7 @@ def _check_targets(
             if key in PosingEntry.model_fields and getattr(entry, key) is None:
                 raise fail(
                     ("vary", variable.name),
-                    f"sets {key_text(location)}, and the study does not {key}; add '{key}: {{}}'",
+                    f"sets {key_text(location)}, but the study has no {key!r}; add '{key}: {{}}'",
                 )
             for taken_key, name in taken.items():
                 shared = min(len(location), len(taken_key))
@@ -416,7 +418,7 @@ def _check_materials(entry: SceneEntry, variables: tuple[Variable, ...], fail: A
         ):
             raise fail(
                 ("vary", variable.name),
-                f"sets {key_text(location)}, which counts nowhere, for "
+                f"sets {key_text(location)}, which has no effect: "
                 f"{materials_in_words(own, others)}",
             )
 

@@ -33,37 +33,43 @@ from graspless_pin.scene.scene_schema import AlgorithmName, SolveEntry, with_fig
 Fingers = Annotated[
     Few[Name] | None,
     BeforeValidator(as_list),
-    Field(description="that close; default: all"),
+    Field(description="fingers that close; default: all"),
 ]
 
 
 class PlaceEntry(Entry):
     """How the hand is placed, as `place_hand` does it, and which of its places is computed."""
 
-    rank: Count = Field(default=1, description="of the place that is computed; 1: the best")
-    seed: Whole = Field(default=0, description="of all random choices")
-    candidates: Count = Field(default=600, description="how many are tried")
+    rank: Count = Field(default=1, description="rank of the place that is computed; 1: the best")
+    seed: Whole = Field(default=0, description="seed of all random choices")
+    candidates: Count = Field(default=600, description="number of candidates that are tried")
     approach: Direction | None = Field(
-        default=None, description="[1] direction of the palm, world axes; default: all"
+        default=None,
+        description="[1] direction in which the palm approaches, world axes; default: all",
     )
     point: Vector | None = Field(
-        default=None, description="[m] that it goes for, world; default: all in the object"
+        default=None,
+        description="[m] target of the palm, world axes; default: points inside the object",
     )
     fingers: Fingers = None
     margin: NotNegative | None = Field(
-        default=None, description="[N] smallest margin of a place; default: the scene's, or 0.1"
+        default=None, description="[N] margin that a place must have; default: the scene's, or 0.1"
     )
     aim: Literal["grip", "carry", "press"] = Field(
-        default="grip", description="what places are good for"
+        default="grip",
+        description="grip: places that squeeze the object; carry: only grips that carry it without "
+        "its supports; press: all places that hold it",
     )
-    together: bool = Field(default=False, description="whether several mounts move as one body")
-    move_base: bool = Field(default=False, description="whether the bases of arms move")
+    together: bool = Field(default=False, description="whether all mounts move as one body")
+    move_base: bool = Field(
+        default=False, description="whether the bases of arms move, instead of their joints"
+    )
     verdict_nodes: Whole = Field(
         default=BRIEF_NODE_LIMIT,
-        description="sets of outcomes that each verdict may look at; 0: no verdicts",
+        description="node limit (sets of outcomes) of each verdict; 0: no verdicts",
     )
     verdicts: Whole | None = Field(
-        default=5, description="how many of the best are asked for theirs; null: all"
+        default=5, description="number of the best places that get a verdict; null: all"
     )
 
 
@@ -71,9 +77,12 @@ class CloseEntry(Entry):
     """How fingers close until they touch, from the configuration of the sample's scene."""
 
     fingers: Fingers = None
-    wrap: bool = Field(default=False, description="whether joints beyond a link that touches go on")
+    wrap: bool = Field(
+        default=False, description="whether joints beyond a link that touches continue to close"
+    )
     rates: ByName[Finite] = Field(
-        default={}, description="[1] by joint, relative to 1 for the others; its sign is the way"
+        default={},
+        description="[1] speed by joint, relative to 1 of the others; its sign is the direction",
     )
 
 
@@ -81,16 +90,16 @@ class PosingEntry(Entry):
     """Where the hand of each sample goes before it is computed."""
 
     place: PlaceEntry | None = Field(
-        default=None, description="the hand is placed at the object of each sample"
+        default=None, description="places the hand at the object of each sample"
     )
-    close: CloseEntry | None = Field(
-        default=None, description="the fingers are closed in each sample"
-    )
+    close: CloseEntry | None = Field(default=None, description="closes the fingers in each sample")
 
     @model_validator(mode="after")
     def _not_place_and_close(self) -> PosingEntry:
         if self.place is not None and self.close is not None:
-            raise ValueError("found place and close; placing closes the fingers, leave out 'close'")
+            raise ValueError(
+                "found place and close; place closes the fingers, too: leave out 'close'"
+            )
         return self
 
 
@@ -111,22 +120,23 @@ What = Annotated[
 class SetEntry(Entry):
     """A scene key that gets factor * value + offset, in SI units."""
 
-    key: Name = Field(description="the scene key, parts joined by dots")
-    factor: Signed = Field(default=1.0, description="[1] what the value is multiplied by")
-    offset: Signed = Field(default=0.0, description="[SI] what is added to it")
+    key: Name = Field(description="the scene key, its levels joined by dots")
+    factor: Signed = Field(default=1.0, description="[1] factor on the value")
+    offset: Signed = Field(default=0.0, description="[SI] added to factor * value")
 
 
 class TurnEntry(Entry):
     """Turns bodies by the value about an axis through a point."""
 
     what: What
-    axis: Direction = Field(description="[1] direction, any length")
-    point: Vector = Field(default=(0.0, 0.0, 0.0), description="[m] that the axis goes through")
+    axis: Direction = Field(description="[1] direction, of any length")
+    point: Vector = Field(default=(0.0, 0.0, 0.0), description="[m] a point on the axis")
     frame: Name | None = Field(
-        default=None, description="body in whose frame axis and point are; default: the world"
+        default=None, description="body in whose frame axis and point are given; default: the world"
     )
     as_in_scene: Finite = Field(
-        default=0.0, description="[rad, m] the value that the scene's own poses stand for"
+        default=0.0,
+        description="[rad, m] the value to which the poses in the scene file correspond",
     )
 
 
@@ -134,12 +144,13 @@ class MoveEntry(Entry):
     """Moves bodies by the value along a direction."""
 
     what: What
-    along: Direction = Field(description="[1] direction, any length")
+    along: Direction = Field(description="[1] direction, of any length")
     frame: Name | None = Field(
-        default=None, description="body in whose frame the direction is; default: the world"
+        default=None, description="body in whose frame the direction is given; default: the world"
     )
     as_in_scene: Finite = Field(
-        default=0.0, description="[rad, m] the value that the scene's own poses stand for"
+        default=0.0,
+        description="[rad, m] the value to which the poses in the scene file correspond",
     )
 
 
@@ -149,33 +160,43 @@ class VariableEntry(Entry):
     values: Annotated[list[Scalar], Field(min_length=1, max_length=10_000)] | ByName[Any] | None = (
         Field(
             default=None,
-            description="[SI] the values, or by label, for values that are no single number",
+            description="[SI] the values; by label if they are not single numbers",
         )
     )
     start: Signed | None = Field(
-        default=None, alias="from", description="[SI] first value of a range, in unit if given"
+        default=None,
+        alias="from",
+        description="[SI] first value of a range, in 'unit' if that is given",
     )
-    to: Signed | None = Field(default=None, description="[SI] last value of the range")
-    steps: Count | None = Field(default=None, description="points of the grid, ends included")
+    to: Signed | None = Field(
+        default=None, description="[SI] last value of the range, in 'unit' if that is given"
+    )
+    steps: Count | None = Field(
+        default=None, description="number of values on a grid, ends included"
+    )
     scale: Literal["linear", "log"] = Field(
-        default="linear", description="how the range is divided"
+        default="linear", description="spacing of the values in the range"
     )
     unit: Name | None = Field(
-        default=None, description="of the values, such as deg or mm; default: SI"
+        default=None, description="unit of the values, such as deg or mm; default: SI"
     )
-    key: Name | None = Field(default=None, description="a scene key; default: the variable's name")
+    key: Name | None = Field(
+        default=None, description="the scene key that gets the value; default: the variable's name"
+    )
     set: Few[SetEntry] | None = Field(
-        default=None, min_length=1, description="several scene keys that go with the value"
+        default=None, min_length=1, description="several scene keys that get the value"
     )
-    turn: TurnEntry | None = Field(default=None, description="bodies that turn by the value")
-    move: MoveEntry | None = Field(default=None, description="bodies that move by the value")
+    turn: TurnEntry | None = Field(default=None, description="turns bodies by the value")
+    move: MoveEntry | None = Field(default=None, description="moves bodies by the value")
 
     @model_validator(mode="before")
     @classmethod
     def _refuse_count_keys(cls, data: Any) -> Any:
         found = next((name for name in _COUNTS if isinstance(data, dict) and name in data), None)
         if found is not None:
-            raise ValueError(f"found {found}; how many values a range has is its key 'steps'")
+            raise ValueError(
+                f"found {found}; the key for the number of values of a range is 'steps'"
+            )
         return data
 
     @model_validator(mode="after")
@@ -191,18 +212,20 @@ class VariableEntry(Entry):
             self._check_range(self.start, self.to)
         targets = [name for name in ("key", "set", "turn", "move") if getattr(self, name)]
         if len(targets) > 1:
-            raise ValueError(f"found {' and '.join(targets)}; give one of them")
+            raise ValueError(f"found {' and '.join(targets)}; give only one of them")
         return self
 
     def _check_range(self, start: float, to: float) -> None:
         if start > to:
-            raise ValueError(f"the range from {start:g} to {to:g} is empty; 'from' is the smaller")
+            raise ValueError(f"the range from {start:g} to {to:g} is empty; 'from' must be smaller")
         if start == to and self.steps not in (None, 1):
-            raise ValueError(f"from {start:g} to {to:g} is one value, not {self.steps}")
+            raise ValueError(
+                f"from {start:g} to {to:g} is one value; 'steps' must not be {self.steps}"
+            )
         if start < to and self.steps == 1:
-            raise ValueError("one step has one value: give 'values' with one, or more steps")
+            raise ValueError("one step gives one value: use more steps, or 'values' with one value")
         if self.scale == "log" and start <= 0.0:
-            raise ValueError(f"a log scale needs positive values, found from {start:g}")
+            raise ValueError(f"a log scale needs positive values, but 'from' is {start:g}")
 
 
 class SamplingEntry(Entry):
@@ -210,35 +233,35 @@ class SamplingEntry(Entry):
 
     method: Literal["grid", "latin_hypercube", "sobol", "adaptive"] = Field(
         default="grid",
-        description="all combinations, a number of well spread samples, or a grid that is halved "
-        "where outcomes differ",
+        description="grid: all combinations; latin_hypercube, sobol: a number of well spread "
+        "samples; adaptive: a grid that is refined where outcomes differ",
     )
     samples: Count | None = Field(
-        default=None, description="how many, unless it is a grid; the most where it is adaptive"
+        default=None, description="number of samples; adaptive: largest number; not with a grid"
     )
     depth: Halvings | None = Field(
-        default=None, description="how often each interval of an adaptive grid may be halved"
+        default=None, description="adaptive: how often each interval of the grid may be halved"
     )
     border: (
         Literal["found", "robust_found", "status", "contacts", "verdict", "holding", "mode"] | None
-    ) = Field(
-        default=None, description="column whose changes are refined by adaptive; default: found"
-    )
+    ) = Field(default=None, description="adaptive: column in which outcomes differ; default: found")
     seed: Whole = Field(
-        default=0, description="of the random numbers; the same seed, the same study"
+        default=0, description="seed of the random numbers; the same seed gives the same samples"
     )
 
     @model_validator(mode="after")
     def _check_method_options(self) -> SamplingEntry:
         if self.method == "grid" and self.samples is not None:
-            raise ValueError("a grid has as many samples as its steps make; leave out 'samples'")
+            raise ValueError(
+                "'samples' has no effect on a grid, whose 'steps' decide; leave it out"
+            )
         if self.method in ("latin_hypercube", "sobol") and self.samples is None:
-            raise ValueError(f"{self.method} needs 'samples', how many")
+            raise ValueError(f"{self.method} needs 'samples', the number of samples")
         if self.method == "adaptive" and self.samples is None and self.depth is None:
-            raise ValueError("adaptive needs 'depth', how often it may halve, or 'samples'")
+            raise ValueError("adaptive needs 'depth', the number of halvings, or 'samples'")
         for name in ("depth", "border"):
             if self.method != "adaptive" and getattr(self, name) is not None:
-                raise ValueError(f"{name!r} goes with adaptive alone; leave it out")
+                raise ValueError(f"{name!r} has an effect only with adaptive; leave it out")
         return self
 
 
@@ -247,7 +270,9 @@ class ComputeEntry(Entry):
     """What is computed for each sample; what is not said is as in the scene."""
 
     algorithm: AlgorithmName | None = Field(default=None, description=_AS_SOLVE)
-    margin: NotNegative | None = Field(default=None, description="[N] e_0 of Algorithm 2")
+    margin: NotNegative | None = Field(
+        default=None, description="[N] required margin e_0 of Algorithm 2"
+    )
     scale: Literal["absolute", "limits"] | None = Field(default=None, description=_AS_SOLVE)
     sign_rule: Literal["strict", "exact", "nonzero", "direction"] | None = Field(
         default=None, description=_AS_SOLVE
@@ -260,27 +285,36 @@ class ComputeEntry(Entry):
     )
     solver: Name | None = Field(default=None, description=_AS_SOLVE)
     regularization: Regularization | None = Field(default=None, description=f"[1] {_AS_SOLVE}")
-    node_limit: Count | None = Field(default=None, description="of each search over modes")
-    time_limit: Seconds | None = Field(default=None, description="[s] of each search over modes")
+    node_limit: Count | None = Field(
+        default=None, description="node limit of each search over modes"
+    )
+    time_limit: Seconds | None = Field(
+        default=None, description="[s] time limit of each search over modes"
+    )
     stability: Literal["weak", "strong"] | None = Field(
-        default=None, description="strong: torques of which rest is the only outcome"
+        default=None, description="strong: torques under which rest is the only outcome"
     )
     verdict_nodes: Count | None = Field(
-        default=None, description="sets of outcomes that each verdict may look at"
+        default=None, description="node limit (sets of outcomes) of each verdict"
     )
     sample_time_limit: Seconds | None = Field(
-        default=None, description="[s] of all that is computed for a sample, its scene included"
+        default=None,
+        description="[s] time limit of each sample, from loading its scene to the last analysis",
     )
-    force_bounds: bool = Field(default=False, description="the range of the margin, eq. (32)")
+    force_bounds: bool = Field(
+        default=False, description="whether to compute the margin at worst and at best, eq. (32)"
+    )
     disturbance_margin: bool = Field(
-        default=False, description="the smallest disturbance that the torques cannot hold"
+        default=False,
+        description="whether to compute the largest disturbance balanced in every direction",
     )
     minimum_friction: bool = Field(
-        default=False, description="the smallest factor on all friction coefficients"
+        default=False,
+        description="whether to compute the smallest sufficient factor on all friction",
     )
-    verdict: bool = Field(default=False, description="whether rest is the only outcome")
+    verdict: bool = Field(default=False, description="whether to compute the verdict")
     mode: bool = Field(
-        default=False, description="the mode of virtual sliding whose optimum is found"
+        default=False, description="whether to add the mode of virtual sliding of the optimum"
     )
     collisions: bool = Field(
         default=True, description="whether links deep in supports or in each other are a finding"
@@ -289,7 +323,7 @@ class ComputeEntry(Entry):
         default=True, description="whether a hand that does not touch the object is a finding"
     )
     explain: bool = Field(
-        default=False, description="full explanations of infeasible samples; they take long"
+        default=False, description="whether to explain infeasible samples in full, which is slow"
     )
 
     def solve_options(self) -> dict[str, Any]:
@@ -300,17 +334,17 @@ class ComputeEntry(Entry):
 class StudyEntry(PosingEntry):
     """A whole study."""
 
-    name: Name = Field(default="", description="title of what is printed")
+    name: Name = Field(default="", description="title of the study")
     description: Description = Field(default="", description="for whoever reads the file")
     scene: FilePath = Field(description="path of the scene, relative to the study file")
     vary: dict[Name, VariableEntry] = Field(
-        min_length=1, max_length=100, description="the variables by name"
+        min_length=1, max_length=100, description="the variables, by name"
     )
     sampling: SamplingEntry = Field(
         default=SamplingEntry(), description="which combinations of values are computed"
     )
     compute: ComputeEntry = Field(
-        default=ComputeEntry(), description="what is computed for each of them"
+        default=ComputeEntry(), description="what is computed for each sample"
     )
 
     @model_validator(mode="after")
