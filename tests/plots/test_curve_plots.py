@@ -41,7 +41,7 @@ def test_the_polar_plot_is_the_box_of_the_limits(pressed: QuasistaticProblem):
         expected = np.minimum(np.where(x > 0, 3 / abs(x), 5 / abs(x)),
                               np.where(z > 0, 2 / abs(z), 4 / abs(z)))  # fmt: skip
     np.testing.assert_allclose(radii, expected, atol=1e-4)
-    (least,) = (item for item in axes.lines if str(item.get_label()).startswith("least: "))
+    (least,) = (item for item in axes.lines if str(item.get_label()).startswith("smallest: "))
     assert np.ravel(least.get_ydata())[0] == pytest.approx(2.0, abs=1e-4)
 
 
@@ -50,7 +50,7 @@ def test_other_directions_are_left_out(pressed: QuasistaticProblem):
     axes = disturbance_polar(disturbance_margin(pressed, directions=directions))
     assert len(np.asarray(axes.lines[0].get_xdata())) == 5
     margin = disturbance_margin(pressed, directions=np.eye(6)[:2])
-    with pytest.raises(ArgumentError, match=r"has 1 directions .* plane_directions\('fx', 'fz'\)"):
+    with pytest.raises(ArgumentError, match=r"has 1 directions .*=plane_directions\('fx', 'fz'\)"):
         disturbance_polar(margin)
 
 
@@ -66,7 +66,7 @@ def test_directions_go_around():
     ("arguments", "message"),
     [
         (("fx", "x"), "second: is 'x'; it must be one of fx, fy, fz, mx, my, mz"),
-        (("fx", "fx"), "second: is 'fx', as the first"),
+        (("fx", "fx"), "second: is 'fx', like the first"),
         (("fx", "fz", 2), "count: is 2"),
     ],
 )

@@ -146,7 +146,7 @@ def test_the_ranges_are_the_bounds(sliding: TorqueSolution):
     drawn = bars(axes)
     np.testing.assert_allclose([bar.get_x() for bar in drawn], lower)
     np.testing.assert_allclose([bar.get_x() + bar.get_width() for bar in drawn], upper)
-    dots = next(line for line in axes.lines if line.get_label() == "the solution's")
+    dots = next(line for line in axes.lines if line.get_label() == "of the solution")
     normal = (sliding.problem.normals * sliding.contact_forces).sum(axis=1)
     np.testing.assert_allclose(np.asarray(dots.get_xdata(), dtype=float), normal)
 

@@ -147,7 +147,7 @@ def test_bad_columns_are_named():
     table = pd.DataFrame({"mass": [1.0], "robot": ["allegro"], "margin_N": [1.0]})
     with pytest.raises(ArgumentError, match=r"x: is 'weight'; the table has the columns mass, "):
         margin_plot(table, "weight")
-    with pytest.raises(ArgumentError, match="y: is 'robot', whose column does not hold numbers"):
+    with pytest.raises(ArgumentError, match="y: is 'robot', a column that does not hold numbers"):
         margin_heat_map(table, "mass", "robot")
     with pytest.raises(ArgumentError, match="value: is 'max_torque_Nm'; the table has"):
         margin_plot(table, "mass", value="max_torque_Nm")
@@ -187,12 +187,12 @@ def test_three_outcomes_meet_in_a_point():
 
 def test_where_there_is_no_boundary():
     table = pd.DataFrame({"x": [0.0, 1.0, 2.0], "y": [1.0, 2.0, 3.0], "found": [True, False, True]})
-    with pytest.raises(ArgumentError, match="on one line; vary two parameters"):
+    with pytest.raises(ArgumentError, match="on one line; two parameters must vary"):
         outcome_boundary(table, "x", "y")
     with pytest.raises(ArgumentError, match=r"outcome: is 'mode'; the table has the columns x, y"):
         outcome_boundary(table, "x", "y", outcome="mode")
     twice = pd.concat([table, table.assign(found=True)])
-    with pytest.raises(ArgumentError, match="samples of different 'found' at one place"):
+    with pytest.raises(ArgumentError, match="but different 'found'; keep only rows"):
         outcome_boundary(twice, "x", "y")
     rows = [(x, y, True) for x in (0.0, 1.0) for y in (0.0, 1.0)]
     axes = outcome_boundary(pd.DataFrame(rows, columns=["x", "y", "found"]), "x", "y")

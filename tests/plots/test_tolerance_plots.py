@@ -50,7 +50,7 @@ def test_the_centre_of_mass_may_be_above_all_of_the_feet():
     np.testing.assert_allclose(radii, expected, rtol=1e-4)
     assert [text.get_text() for text in axes.get_xticklabels()] == ["+x", "+y", "−x", "−y"]
     words = said(axes)
-    assert words.startswith("least: 10 cm\nfails at contacts ")
+    assert words.startswith("smallest: 10 cm\nfails at contacts ")
     (dot,) = (line for line in axes.lines if line.get_label() == words)
     assert np.ravel(dot.get_ydata())[0] == pytest.approx(10.0, rel=1e-4)
 
@@ -83,7 +83,7 @@ def test_pushes_that_nothing_resists_are_not_borne():
 def test_what_has_no_directions_is_refused(sliding: TorqueSolution):
     found = standing()
     for name in ("more mass", "joint"):
-        with pytest.raises(ArgumentError, match=r"quantity: .* of: centre of mass, push"):
+        with pytest.raises(ArgumentError, match=r"quantity: .* for: centre of mass, push"):
             tolerance_plot(found, name)
     with pytest.raises(NoSolutionError, match="more mass has no boundary"):
         found.of("more mass").along(np.eye(3))
@@ -91,7 +91,7 @@ def test_what_has_no_directions_is_refused(sliding: TorqueSolution):
         sliding.problem, sliding.torques, quantities=["more mass"], static_friction="coulomb"
     )
     assert [one.quantity for one in few.each] == ["more mass"]
-    with pytest.raises(ArgumentError, match="have directions of: nothing"):
+    with pytest.raises(ArgumentError, match="depend on a direction for: nothing"):
         tolerance_plot(few)
     with pytest.raises(ArgumentError, match=r"quantities: is 'mas'.*must be one of"):
         tolerances(sliding.problem, sliding.torques, quantities=["mas"])

@@ -169,7 +169,7 @@ def test_a_wall_is_seen_from_its_front():
 def test_a_solution_of_another_scene_is_refused():
     first = load_scene(EXAMPLES / "paper" / "sphere_on_slope.yaml")
     second = load_scene(EXAMPLES / "paper" / "cuboid_at_rest.yaml")
-    with pytest.raises(ArgumentError, match="contacts are not the scene's"):
+    with pytest.raises(ArgumentError, match="contacts are not those of the scene"):
         draw_scene(first, second.solve())
 
 

@@ -305,7 +305,7 @@ def test_a_setting_that_is_infeasible_or_makes_no_sense_says_why(allegro):
     assert "infeasible" in result.reason
     assert result.picture.of(Role.CONTACT)
     assert not result.picture.of(Role.NORMAL_FORCE)
-    assert "why not" in result_html(result, None, dark=False)
+    assert "Why there are no torques" in result_html(result, None, dark=False)
     assert "no torques" in torque_html(result, dark=False)
     result = answer_settings(allegro, Settings(Algorithm.MARGIN, 0.1, {"object/x": 20.0}))
     assert result.solution is None
@@ -389,7 +389,7 @@ def test_where_the_centre_of_mass_may_be_comes_with_the_verdict(allegro):
 def test_the_verdict_comes_after_the_solution(paper):
     first = answer_settings(paper, initial_settings(paper))
     assert (first.verdict, first.stability, first.motion) == (None, None, None)
-    assert "being worked out" in verdict_html(first, dark=False)
+    assert "being computed" in verdict_html(first, dark=False)
     judged = with_verdict(first)
     assert first.solution is not None
     assert (judged.stability, judged.motion) == (Stability.STRONG, None)

@@ -55,7 +55,7 @@ def plane_directions(first: str, second: str, count: int = 72) -> FloatArray:
     """
     plane = _plane_indices(first, second)
     if count < _LEAST_COUNT:
-        raise ArgumentError("count", f"is {count}; a polar plot needs at least {_LEAST_COUNT}")
+        raise ArgumentError("count", f"is {count}; it must be at least {_LEAST_COUNT}")
     angles = 2.0 * np.pi * np.arange(count) / count
     directions = np.zeros((count, 6))
     directions[:, plane[0]], directions[:, plane[1]] = np.cos(angles), np.sin(angles)
@@ -98,8 +98,8 @@ def disturbance_polar(
         raise ArgumentError(
             "margin",
             f"has {len(chosen)} directions in the plane of {first} and {second}; a polar plot "
-            f"needs at least {_LEAST_COUNT}: give disturbance_margin plane_directions({first!r}, "
-            f"{second!r})",
+            f"needs at least {_LEAST_COUNT}: call disturbance_margin with "
+            f"directions=plane_directions({first!r}, {second!r})",
         )
     angles = np.arctan2(margin.directions[chosen, plane[1]], margin.directions[chosen, plane[0]])
     order = np.argsort(angles)
@@ -112,12 +112,12 @@ def disturbance_polar(
         radii[worst],
         "o",
         color=LIGHT.roles[Role.FRICTION_AT_LIMIT],
-        label=f"least: {radii[worst]:.4g} N",
+        label=f"smallest: {radii[worst]:.4g} N",
     )
     axes.set_ylim(bottom=0.0)
     axes.legend(loc="lower left", bbox_to_anchor=(-0.1, -0.12), fontsize="small")
     axes.set_title(
-        f"largest balanced disturbance along {first} and {second} [N]", fontsize="medium"
+        f"largest balanced disturbance in the plane of {first} and {second} [N]", fontsize="medium"
     )
     return axes
 
@@ -231,7 +231,9 @@ def _plane_indices(first: str, second: str) -> list[int]:
         if name not in COMPONENTS:
             raise ArgumentError(argument, f"is {name!r}; it must be one of {', '.join(COMPONENTS)}")
     if first == second:
-        raise ArgumentError("second", f"is {second!r}, as the first; a plane needs two components")
+        raise ArgumentError(
+            "second", f"is {second!r}, like the first; it must be another component"
+        )
     return [COMPONENTS.index(first), COMPONENTS.index(second)]
 
 
@@ -296,7 +298,7 @@ def timing_plot(timing: PathTiming, ax: Axes | None = None) -> Axes:
         'speed along the path [rad/s]'
     """
     if not timing.found:
-        raise NoSolutionError(f"There is nothing to draw: no timing, {timing.reason}.")
+        raise NoSolutionError(f"There is no timing to draw ({timing.reason}).")
     axes = axes_for(ax)
     axes.plot(timing.times, timing.speeds, color="0.6", linewidth=1.0)
     marks = {

@@ -86,9 +86,9 @@ def normal_force_ranges(
     )
     if solution is not None:
         normal = np.einsum("ij,ij->i", problem.normals, solution.contact_forces)
-        axes.plot(normal, rows, "o", color=LIGHT.text, markersize=5, label="the solution's")
+        axes.plot(normal, rows, "o", color=LIGHT.text, markersize=5, label="of the solution")
     axes.set_yticks(rows, [f"contact {row}" for row in rows])
-    unproven = "" if bounds.proven[:, 0].all() else ", as far as reached"
+    unproven = "" if bounds.proven[:, 0].all() else ", as far as found"
     axes.set(
         xlabel=f"normal force $f_n$ [N]{unproven}",
         # From zero, with room for a bar or mark at the right end.
@@ -206,7 +206,7 @@ def tolerance_plot(
     if quantity not in by_quantity:
         known = ", ".join(by_quantity) or "nothing"
         raise ArgumentError(
-            "quantity", f"is '{quantity}'; these tolerances have directions of: {known}"
+            "quantity", f"is '{quantity}'; these tolerances depend on a direction for: {known}"
         )
     one = by_quantity[Quantity(quantity)]
     scale, unit = one.quantity.scale, one.quantity.unit
@@ -217,7 +217,7 @@ def tolerance_plot(
     names = [_direction_name(direction) for direction in (*level, *-level)]
     axes = polar_region(ax, (4.6, 4.9), angles, radii, names)
     direction = np.zeros(3) if one.direction is None else one.direction
-    words = f"least: {scale * one.borne:.3g} {unit}"
+    words = f"smallest: {scale * one.borne:.3g} {unit}"
     at, mark = ([np.arctan2(*(level @ direction)[::-1])], [scale * one.failing]), "o"
     if abs(direction @ up) > _OFF_LEVEL:
         words += f" along {_components_text(direction)}"
@@ -234,8 +234,7 @@ def tolerance_plot(
         loc="upper center", bbox_to_anchor=(0.5, -0.08), fontsize="small", frameon=False,
         handlelength=1.0,
     )  # fmt: skip
-    verb = "may be off" if one.quantity is Quantity.CENTER else "that is borne"
-    axes.set_title(f"{one.quantity} {verb}, across gravity [{unit}]", fontsize="medium")
+    axes.set_title(f"tolerance: {one.quantity}, across gravity [{unit}]", fontsize="medium")
     return axes
 
 

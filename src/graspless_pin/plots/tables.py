@@ -34,7 +34,7 @@ _NAMED = {
     "smallest_margin_N": "margin e at worst [N]",
     "largest_margin_N": "margin e at best [N]",
     "disturbance_N": "largest balanced disturbance [N]",
-    "minimum_friction_factor": "least factor on friction",
+    "minimum_friction_factor": "smallest sufficient factor on friction",
     "contacts": "number of contacts",
     "nodes": "nodes of the search",
     "mass": "mass of the object [kg]",
@@ -88,7 +88,7 @@ def margin_plot(table: Any, x: str, ax: Axes | None = None, *, value: str = "mar
         low = [group.min() if len(group) else np.nan for group in groups]
         high = [group.max() if len(group) else np.nan for group in groups]
         axes.fill_between(
-            places, low, high, color=blue, alpha=0.2, linewidth=0.0, label="least to largest"
+            places, low, high, color=blue, alpha=0.2, linewidth=0.0, label="smallest to largest"
         )
     label = "mean" if axes.collections else legend_text(quantity(value).partition(" [")[0])
     style = "o" if _is_scattered(table, x, len(places)) else "o-"
@@ -224,7 +224,7 @@ def number_column(table: Any, argument: str, name: str) -> FloatArray:
         return np.asarray(column, dtype=float)
     except (TypeError, ValueError) as error:
         raise ArgumentError(
-            argument, f"is {name!r}, whose column does not hold numbers ({error})"
+            argument, f"is {name!r}, a column that does not hold numbers ({error})"
         ) from None
 
 
@@ -300,8 +300,8 @@ def outcome_boundary(
     )
     if (outcomes != outcomes[first][where.ravel()]).any():
         raise ArgumentError(
-            "table", f"has samples of different {outcome!r} at one place; choose rows that vary "
-            f"only {x!r} and {y!r}"
+            "table", f"has samples with equal {x!r} and {y!r} but different {outcome!r}; keep only "
+            "rows in which no other variable varies"
         )  # fmt: skip
     names, kinds = np.unique(outcomes[first], return_inverse=True)
     segments = boundary_segments(places, kinds)
@@ -346,7 +346,9 @@ def boundary_segments(places: FloatArray, kinds: NDArray[np.integer[Any]]) -> Fl
     try:
         corners = Delaunay((places - low) / np.where(extent > 0.0, extent, 1.0)).simplices
     except (QhullError, ValueError):
-        raise ArgumentError("table", "has its samples on one line; vary two parameters") from None
+        raise ArgumentError(
+            "table", "has all samples on one line; two parameters must vary"
+        ) from None
     edges = [(0, 1), (1, 2), (2, 0)]
     middles = np.stack(
         [0.5 * (places[corners[:, a]] + places[corners[:, b]]) for a, b in edges], axis=1

@@ -87,7 +87,7 @@ def check_address(host: str, port: int) -> None:
         ArgumentError: See `view`.
     """
     if not 0 <= port <= _LAST_PORT:
-        raise ArgumentError("port", f"is {port}; it must be 0 (any free one) to {_LAST_PORT}")
+        raise ArgumentError("port", f"is {port}; it must be 0 (any free port) to {_LAST_PORT}")
     try:
         family, kind, protocol, _, address = socket.getaddrinfo(host, 0, type=socket.SOCK_STREAM)[0]
         with socket.socket(family, kind, protocol) as probe:
@@ -160,18 +160,20 @@ class Gate:
         """
         hosts, origins = headers["host"], headers["origin"]
         if len(hosts) != 1 or not self._is_own_name(hosts[0]):
-            return "this address is not one of the viewer's; open the one that it printed"
+            return "this is not an address of the viewer; open the one that it printed"
         own = (f"http://{hosts[0]}".lower(), f"https://{hosts[0]}".lower())
         # Browsers state the Origin of every websocket, but not of an opened page.
         if headers["upgrade"] and not origins:
-            return "a websocket without an Origin is not answered"
+            return "a websocket request without an Origin header is refused"
         if any(origin.lower() not in own for origin in origins):
-            return "another site's pages are not answered"
+            return "a request from a page of another site is refused"
         first = path.removeprefix("/").partition("?")[0].partition("/")[0]
         if not path.startswith("/") or not secrets.compare_digest(
             first.encode(errors="surrogateescape"), self.token.encode()
         ):
-            return "the address lacks its token; open the one that the viewer printed"
+            return (
+                "the token in the address is missing or wrong; open the one that the viewer printed"
+            )
         return ""
 
     def accepts(self, message: Any) -> bool:
@@ -257,8 +259,8 @@ def guarded_by(gate: Gate) -> Iterator[None]:
             module.websockets = library
     if not passed:
         raise GrasplessPinError(
-            "this version of viser starts its server in a way that cannot be guarded; install "
-            "the version that graspless_pin asks for: pip install 'graspless-pin[viewer]'"
+            "this version of viser starts its server in a way that cannot be protected; install "
+            "the version that graspless_pin requires: pip install 'graspless-pin[viewer]'"
         )
 
 

@@ -118,7 +118,7 @@ def changed_scene(scene: Scene, values: Mapping[str, float]) -> Scene:
         if key not in controls:
             raise unknown_name("values", "control", key, [*controls])
         if not math.isfinite(value):
-            raise ArgumentError("values", f"{key} needs a finite number, got {value!r}")
+            raise ArgumentError("values", f"{key} is {value!r}; it must be a finite number")
     moved = {key: value for key, value in values.items() if value != controls[key].initial}
     changed = scene
     for key, value in moved.items():

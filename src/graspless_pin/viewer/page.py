@@ -352,7 +352,7 @@ class Viewer:
                     self._show_answer(self._solving.evaluate(settings))
                 continue
             except CrashError as error:
-                why = f"a solver failed and took its process along: {error}"
+                why = f"a solver crashed: {error}"
             except Exception as error:  # the page goes on, and shows the error
                 subject = "the verdict" if judged else f"the settings {settings}"
                 _log.exception("%s cannot be shown", subject)

@@ -47,7 +47,7 @@ def result_html(result: SettingsAnswer, as_loaded: TorqueSolution | None, *, dar
         return (
             f'<div id="graspless-result" data-found="false" style="{_TEXT}">'
             f'<div style="border-left:4px solid {color};padding-left:8px">'
-            f"<b>No torques: why not</b><br>{words}</div></div>"
+            f"<b>Why there are no torques</b><br>{words}</div></div>"
         )
     at_margin = f"at margin {solution.required_margin:g} N"
     algorithm = {
@@ -85,7 +85,7 @@ def verdict_html(result: SettingsAnswer, *, dark: bool) -> str:
     if solution is None or not solution.found:
         return ""
     color = _verdict_color(result, dark=dark)
-    message = result.verdict or "does it hold?: being worked out"
+    message = result.verdict or "does it hold?: being computed"
     lead, words = lead_and_words(message.replace("^2", "²"))
     return (
         f'<div id="graspless-verdict" data-status="{result.stability or ""}" style="{_TEXT}">'

@@ -201,8 +201,8 @@ def _served_set_text(robust: RobustSolution) -> str:
     """Return what the robust torques are proven for, and the member with the least room."""
     sampled = "" if robust.samples is None else f"; sampled: {robust.samples}"
     return (
-        f"torques for {robust.uncertainty}, proven for {robust.proven_for}{sampled}; the least "
-        f"room where: {robust.members[robust.worst].words}"
+        f"torques for {robust.uncertainty}, proven for {robust.proven_for}{sampled}; smallest "
+        f"margin where: {robust.members[robust.worst].words}"
     )
 
 
@@ -289,7 +289,7 @@ def free_name(scene: Scene) -> Path:
     names = (own.with_name(f"{own.stem}_{number}.yaml") for number in range(1, _MOST_FILES + 1))
     free = next((name for name in names if not name.exists()), None)
     if free is None:
-        raise SceneError(f"{own.parent}: holds {_MOST_FILES} saved scenes already; remove some")
+        raise SceneError(f"{own.parent}: contains {_MOST_FILES} saved scenes already; delete some")
     return free
 
 

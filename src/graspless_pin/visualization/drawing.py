@@ -166,7 +166,9 @@ def draw_scene(
     points = np.array([point.position for point in scene.contacts.points])
     origin = scene.object.center_of_mass_world
     if len(points) != problem.contact_count or not np.allclose(points, problem.positions + origin):
-        raise ArgumentError("solution", "is of a problem whose contacts are not the scene's")
+        raise ArgumentError(
+            "solution", "belongs to a problem whose contacts are not those of the scene"
+        )
     bodies = draw_bodies(scene, max_faces=max_faces)
     names = scene.contacts.bodies
     size = object_radius(bodies)
