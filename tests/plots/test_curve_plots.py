@@ -107,7 +107,7 @@ def test_the_trade_off_is_the_curve(sliding: TorqueSolution):
 def test_the_trade_off_is_in_the_joints_units(sliding: TorqueSolution, units, scale, label):
     problem = sliding.problem.with_changes(joint_units=units)
     curve = margin_torque_curve(problem, scale=scale)
-    assert margin_torque_plot(curve).get_ylabel() == f"least possible largest |torque|\n[{label}]"
+    assert margin_torque_plot(curve).get_ylabel() == f"minimum of the largest |torque|\n[{label}]"
     assert f" of torque [{label}]" in str(curve)
 
 

@@ -54,7 +54,9 @@ def _end_without_output(error: OSError) -> NoReturn:
     """Report that standard output cannot be written, and exit without flushing it again."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
     reason = os.strerror(error.errno or 0)
-    sys.stderr.write(f"error: standard output cannot be written ({reason}); redirect it\n")
+    sys.stderr.write(
+        f"error: standard output cannot be written ({reason}); redirect it to another disk\n"
+    )
     sys.exit(CRASHED)
 
 

@@ -158,7 +158,7 @@ def new(
 
         typer.echo(f"wrote {write_scene_file(output, compose_text, overwrite=overwrite)}")
         if _write_schema(output.with_name(SCHEMA_FILE)):
-            typer.echo(f"wrote {output.with_name(SCHEMA_FILE)}, for editors")
+            typer.echo(f"wrote {output.with_name(SCHEMA_FILE)}, the schema for text editors")
         is_huge = any(
             finding.code is FindingCode.UNLIKELY_SIZE and finding.key[:1] == ("object",)
             for finding in findings

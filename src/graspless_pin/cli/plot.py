@@ -207,7 +207,7 @@ def _first_varied_column(table: Any, option: str, used: tuple[str, ...]) -> str:
         if name not in used and table[name].dtype.kind in "if" and table[name].nunique() > 1:
             return name
     raise ArgumentError(
-        f"--{option}", f"has no default: no other column of {[*columns]} has several numbers"
+        f"--{option}", f"has no default: no other column of {[*columns]} has several numeric values"
     )
 
 

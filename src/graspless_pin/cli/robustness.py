@@ -44,7 +44,7 @@ def robustness_scene(
     ] = None,
     **figures: Any,
 ) -> None:
-    """Report which torque errors and lost contacts rest survives, or what would help.
+    """Report under which torque errors and lost contacts rest stays proven, or what would help.
 
     Exit code 0: rest is the only outcome; 1: it is not, or not proven, or no torques were found;
     2: bad input; 4: rest is the only outcome, and something serious is wrong with the scene.

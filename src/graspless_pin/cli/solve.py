@@ -128,7 +128,7 @@ def solve_scene(
         typer.Option(help="Whether contacts in actual sliding limit virtual motions, too."),
     ] = None,
     static_friction: Annotated[
-        StaticFriction | None, typer.Option(help="coulomb: no rule of virtual sliding.")
+        StaticFriction | None, typer.Option(help="coulomb: friction needs no virtual sliding.")
     ] = None,
     solver: Annotated[str | None, typer.Option(help="auto, piqp, proxqp, highs, ...")] = None,
     search: Annotated[
@@ -162,7 +162,7 @@ def solve_scene(
     overwrite: OverwriteOption = False,
     **figures: Any,
 ) -> None:
-    """Solve a scene: which joint torques, how robust, and does it hold.
+    """Solve a scene: joint torques, how robust they are, and whether the object stays.
 
     Exit code 0: found; 1: infeasible; 2: bad input; 3: neither found nor proven infeasible; 4:
     found, and something serious is wrong with the scene, such as a hand that touches nothing.

@@ -130,7 +130,7 @@ def margin_torque_plot(curve: MarginTorqueCurve, ax: Axes | None = None) -> Axes
         ax: Axes to draw on; None: a new figure.
 
     Returns:
-        The axes: e_0 in N to the right; up the least possible largest |torque|, curve's unit. Dots
+        The axes: e_0 in N to the right; up the minimum of the largest |torque|, curve's unit. Dots
         are where pieces meet, dotted lines jumps.
 
     Raises:
@@ -152,7 +152,7 @@ def margin_torque_plot(curve: MarginTorqueCurve, ax: Axes | None = None) -> Axes
     )
     # A column a piece: the straight pieces over the dotted whole, which shows at jumps.
     axes.plot(curve.margins.T, curve.torques.T, "o-", color=blue, markersize=4, linewidth=1.8)
-    least = f"least possible largest |torque|\n[{curve.torque_unit}]"
+    least = f"minimum of the largest |torque|\n[{curve.torque_unit}]"
     axes.set(xlabel="required margin $e_0$ [N]", ylabel=least)
     start_at_zero(axes, curve.torques)
     plain_axis(axes.xaxis)

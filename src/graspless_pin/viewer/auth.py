@@ -171,9 +171,7 @@ class Gate:
         if not path.startswith("/") or not secrets.compare_digest(
             first.encode(errors="surrogateescape"), self.token.encode()
         ):
-            return (
-                "the token in the address is missing or wrong; open the one that the viewer printed"
-            )
+            return "the address has no valid token; open the address that the viewer printed"
         return ""
 
     def accepts(self, message: Any) -> bool:
