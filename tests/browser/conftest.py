@@ -26,7 +26,7 @@ FLAGS = (
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
 # Without a graphics card a page that draws sixty times a second takes all cores there are.
 SLOWER_FRAMES = """
-  window.requestAnimationFrame = (draw) => setTimeout(() => draw(performance.now()), 100);
+  window.requestAnimationFrame = (draw) => setTimeout(() => draw(performance.now()), 250);
   window.cancelAnimationFrame = clearTimeout;
 """
 PATIENCE = 120_000  # ms; a busy machine is no defect
