@@ -179,7 +179,7 @@ def test_the_checker_tells_what_it_takes_as_given(document: dict[str, Any]) -> N
         for each in (document, weaker)
     )
     assert "the figures of the nominal scene" in before
-    bound = "what no torques for all members are better than"
+    bound = "bound on all torques for all members"
     assert after - before == {bound, "verdicts on the corners"}
 
 
@@ -191,7 +191,7 @@ def test_the_checker_refuses_what_is_missing(document: dict[str, Any], key: str)
         verify_document(spoilt)
     nested = copy.deepcopy(document)
     nested["uncertainty"]["proof"]["uncertainty"] = document["uncertainty"]
-    with pytest.raises(ValueError, match="no document of a joined problem"):
+    with pytest.raises(ValueError, match="must be the document of the joined problem"):
         verify_document(nested)
 
 

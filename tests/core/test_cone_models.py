@@ -387,16 +387,16 @@ def test_documents_of_objectives_of_ones_own_are_proven(objective):
 
 
 CORNERS_OF, KINETIC = (2, "cone_corners"), (0, "kinetic_friction")
-NO_POLYGON = "cone_corners of contact 2 are no convex polygon around its normal"
-ALONG = "kinetic_friction of contact 0 is too large, or along its sliding"
+NO_POLYGON = "cone_corners of contact 2 must be a convex polygon around its normal"
+ALONG = "kinetic_friction of contact 0 must not exceed its friction coefficient, and must oppose"
 SPOILT = {
     "wider": (CORNERS_OF, lambda own: (1.5 * np.array(own)).tolist(),
-              "cone_corners of contact 2 are beyond its coefficient of friction"),
+              "cone_corners of contact 2 must not exceed its friction coefficient"),
     "reversed": (CORNERS_OF, lambda own: own[::-1], NO_POLYGON),
     "dented": (CORNERS_OF, lambda own: [own[0], [1e-3, 1e-3], *own[2:]], NO_POLYGON),
     "one twice": (CORNERS_OF, lambda own: [own[0], own[0], *own[2:]], NO_POLYGON),
     "fewer": (CORNERS_OF, lambda own: own[:-1],
-              "cone_corners of contact 3 is of 8 entries|must be a list of"),
+              "cone_corners of contact 3 is a list of length 8|must be a list of"),
     "along": (KINETIC, lambda own: [-one for one in own], ALONG),
     "large": (KINETIC, lambda own: [2.0 * one for one in own], ALONG),
 }  # fmt: skip
@@ -413,7 +413,7 @@ def test_cones_that_are_none_are_refused(document, place, change, message):
 def test_cones_that_are_missing_are_refused(document):
     contact = document["contacts"][2]
     corners = contact.pop("cone_corners")
-    with pytest.raises(ValueError, match=r"contact 2 with the cone 'elliptic', .* lacks the key"):
+    with pytest.raises(ValueError, match=r"contact 2, whose cone 'elliptic' is .*, lacks the key"):
         verify_document(document)
     contact["kinetic_friction"] = corners[0]
     with pytest.raises(ValueError, match=NO_POLYGON):
@@ -425,7 +425,9 @@ def test_narrower_cones_do_not_pass(document):
     for contact in document["contacts"][2:]:
         contact["cone_corners"] = (0.5 * np.array(contact["cone_corners"])).tolist()
     assert not verify_document(document).passed
-    with pytest.raises(ArgumentError, match="are not those of the cone 'elliptic' here"):
+    with pytest.raises(
+        ArgumentError, match="cone_corners: differs from the installed cone 'elliptic'"
+    ):
         read_solution(document)
 
 
@@ -444,7 +446,7 @@ def test_a_verdict_needs_cones_that_stand_for_coulombs_law():
         for one in verify_document(document | {"coulombs_law": False}).checks
         if one.passed is False
     ]
-    assert "the cones are others" in refused.detail
+    assert "the cones do not represent it" in refused.detail
 
 
 # Models that are none

@@ -76,7 +76,7 @@ def test_a_verdict_whose_proof_does_not_hold_is_undecided(scene, best):
     assert told is torque
     assert less is not None
     assert less.status is Stability.UNDECIDED
-    assert "its proof does not pass the check (rest is the only outcome" in less.message
+    assert "its proof fails verification (rest is the only outcome" in less.message
     assert verify_document(solution_document(told, scene, less)).proven
 
 

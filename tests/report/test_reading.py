@@ -90,9 +90,9 @@ def test_a_read_solution_has_the_same_proof():
 @pytest.mark.parametrize("found", [1, 3, None])
 def test_other_formats_are_refused(found):
     document = through_json(maximize_margin(pinched_block())) | {"format": found}
-    with pytest.raises(ArgumentError, match=f"has the format {found}; 2 can be read: solve again"):
+    with pytest.raises(ArgumentError, match=f"has the format {found}; it must be 2: solve again"):
         read_solution(document)
-    with pytest.raises(ArgumentError, match="is no JSON object"):
+    with pytest.raises(ArgumentError, match="is not a JSON object"):
         read_solution([1, 2])  # pyright: ignore[reportArgumentType]
 
 
@@ -122,10 +122,10 @@ def broken(document, path, value):
 BROKEN = {
     "no status": (["status"], KeyError, "lacks the key 'status'"),
     "another status": (["status"], "perfect", "status is 'perfect'; it must be one of"),
-    "no contact": (["contacts"], [], "holds a problem that is none|wrong type or size"),
-    "a normal that is none": (["contacts", 0, "normal"], [0, 2, 0], "holds a problem that is none"),
-    "a force of two": (["contacts", 0, "force"], [0, 2], "wrong type or size"),
-    "a text for a number": (["required_margin"], "much", "wrong type or size"),
+    "no contact": (["contacts"], [], "states an invalid problem|has an invalid value"),
+    "a normal that is none": (["contacts", 0, "normal"], [0, 2, 0], "states an invalid problem"),
+    "a force of two": (["contacts", 0, "force"], [0, 2], "has an invalid value"),
+    "a text for a number": (["required_margin"], "much", "has an invalid value"),
     "true for a number": (["required_margin"], True, "is True; it must be"),
     "true for a regularisation": (["regularization"], True, "regularization is True"),
     "an endless regularisation": (["regularization"], np.inf, "regularization is inf"),
@@ -136,8 +136,8 @@ BROKEN = {
     "true for a bound": (["certificate", "bound"], True, "is True; it must be"),
     "true for a multiplier": (["multipliers", "normal_upper", 0], True, "is True; it must be"),
     "NaN for a force": (["contacts", 0, "force"], [0.0, 0.0, np.nan], "force of contact 0 is nan"),
-    "no joint": (["joints"], [], "holds a problem that is none|wrong type or size"),
-    "a list of contacts": (["contacts", 0], "finger", "wrong type or size"),
+    "no joint": (["joints"], [], "states an invalid problem|has an invalid value"),
+    "a list of contacts": (["contacts", 0], "finger", "has an invalid value"),
     "another rule": (["rules", "sign_rule"], "loose", "sign_rule of rules is 'loose'"),
 }
 

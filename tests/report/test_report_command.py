@@ -124,7 +124,7 @@ def test_infeasible_is_an_answer(tmp_path):
         ("none.yaml", None, "none.yaml"),
         ("broken.json", "{", "broken.json: is not JSON: Expecting"),
         ("empty.json", "{}", "empty.json: document: lacks the key 'format'"),
-        ("list.json", "[]", "list.json: document: is no JSON object"),
+        ("list.json", "[]", "list.json: document: is not a JSON object"),
     ],
 )
 def test_bad_input(tmp_path, name, text, message):

@@ -98,7 +98,7 @@ def test_a_document_tells_what_is_assumed_of_contacts(tmp_path: Path) -> None:
     checks = verify_document(document).checks
     assert not [one.name for one in checks if one.passed is False]
     (told,) = (one for one in checks if one.name.endswith("do under the controller"))
-    assert told.detail.endswith("; points that stay on both bodies are assumed at 1")
+    assert told.detail.endswith("; 1 contact points are assumed to stay on both bodies")
     strong = scene.solve("torque", stability="strong")
     assert strong.found and strong.guarantee is not None
 

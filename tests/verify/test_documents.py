@@ -167,7 +167,7 @@ def test_a_multiplier_of_no_constraint_is_named_so_far_as_it_fits(made):
         if one.name == "each multiplier has a constraint"
     ]
     assert told.passed is False
-    assert told.detail == "of no constraint: '" + "x" * 39
+    assert told.detail == "without a constraint: '" + "x" * 39
 
 
 @pytest.mark.parametrize("gravity", [True, False])
@@ -221,10 +221,10 @@ def test_a_proof_that_is_withdrawn_is_not_proven(made):
         ),
         (
             (True, None, True),
-            "Nothing is wrong in 3 checks, but the document proves not all that it claims: 'b'.",
+            "None of 3 checks failed, but not every claim is proven here: 'b'.",
         ),
-        ((None, None, None), "proves not all that it claims: 'a' and 2 more."),
-        ((None, False, False), "Not so: 2 of 3 checks failed, first 'b'."),
+        ((None, None, None), "not every claim is proven here: 'a' and 2 more."),
+        ((None, False, False), "Refused: 2 of 3 checks failed, the first 'b'."),
     ],
 )
 def test_the_conclusion_counts_checks_but_not_what_is_given(passed, words):

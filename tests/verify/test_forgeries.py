@@ -174,7 +174,7 @@ def test_a_proof_of_forces_proves_nothing_of_motions(made):
 
 def test_documents_without_a_format_are_refused(made):
     old = {key: value for key, value in made("tree").items() if key != "format"}
-    with pytest.raises(ValueError, match="no format version: solve again"):
+    with pytest.raises(ValueError, match="does not state its format version: solve again"):
         verify_document(old)
 
 

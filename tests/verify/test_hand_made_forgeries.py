@@ -55,7 +55,7 @@ def test_units_are_taken_as_given_and_said():
 def test_resolution_and_limits_are_taken_as_given_and_said():
     given = {one.name: one.detail for one in verify_document(base("pressed")).checks if one.given}
     assert given["resolution of accelerations"] == (
-        "0.001 of load over mass: points that accelerate by up to 0.00981 m/s^2 are at rest"
+        "0.001 times load over mass: points that accelerate by up to 0.00981 m/s^2 count as at rest"
     )
     assert given["limits"] == "normal forces 50 N; joints 0.2 N m"
     assert given["load"] == "force 9.81 N, moment 0 N m"

@@ -122,7 +122,7 @@ def replaced(name, *path, by, direction=0):
 def test_what_is_borne_is_proven_by_its_document(name):
     shown = lines(document(name))
     assert all(line.passed is True for line in shown)
-    borne = [line.detail for line in shown if line.name.endswith("is borne")]
+    borne = [line.detail for line in shown if line.name.endswith("is withstood")]
     said = [f"up to {guaranteed:.6g} N" for guaranteed in found(name)[1].guaranteed]
     assert [detail.split(",")[0] for detail in borne] == said
     assert (found(name)[1].guaranteed > 0.0).all()
@@ -259,7 +259,7 @@ def test_a_motion_that_counts_as_rest_without_disturbance_is_none():
     factor = 1.01 * speed / made["stability"]["acceleration_limit"]
     for key in ("acceleration_resolution", "acceleration_limit"):
         made["stability"][key] *= factor
-    assert any("no motion without disturbance" in line.detail for line in lines(made))
+    assert any("within the limit without disturbance" in line.detail for line in lines(made))
 
 
 def test_what_has_no_proof_is_not_proven():

@@ -65,9 +65,12 @@ def refusal(document):
 @pytest.mark.parametrize(
     ("path", "words"),
     [
-        (("external_wrench",), "external_wrench is 'x'; it must be a list of 6"),
+        (("external_wrench",), "external_wrench is 'x'; it must be a list of length 6"),
         (("certificate", "bound"), "bound of certificate is 'x'; it must be a number"),
-        (("contacts", 0, "position"), "position of contact 0 is 'x'; it must be a list of 3"),
+        (
+            ("contacts", 0, "position"),
+            "position of contact 0 is 'x'; it must be a list of length 3",
+        ),
     ],
 )
 def test_a_refusal_names_the_place(path, words, made):
@@ -114,25 +117,25 @@ WRONG = (
     ("cone_edges is 2; it must be a whole number, 3 to 4096", ["cone_edges"], 2),
     ("a sign of contact 1 is -2; it must be a whole number, -1 to 1",
      ["contacts", 1, "signs"], [-2, 1]),
-    ("format version is not 2", ["format"], 1),
-    ("friction of contact 1 is 1e+61; it must be a number up to 1e+60",
+    ("format version is 1; it must be 2", ["format"], 1),
+    ("friction of contact 1 is 1e+61; it must be a number of size 1e+60 or less",
      ["contacts", 1, "friction"], 1e61),
     ("required_margin is list; it must be a number", ["required_margin"], [0.1]),
     ("max_torque_unit is 'lbf'; it must be one of N m, N", ["max_torque_unit"], "lbf"),
-    ("contacts is of 0 entries; it must be a list of 1 to 4096", ["contacts"], []),
+    ("contacts is a list of length 0; it must be a list of length 1 to 4096", ["contacts"], []),
     ("upper of joint 0 is a huge whole number", ["joints", 0, "upper"], 10**80),
     *((message, ["proof", "nodes"], [{"kind": "kinematic", "combination": entries}])
       for message, entries in (
           ("0 to 2", [[0, 3, 1.0]]),
           ("0 to 5", [[6, 0, 1.0]]),
-          ("of 2 entries; it must be a list of 3", [[0, 1]]),
-          ("of 4 entries; it must be a list of 3", [[0, 1, 1.0, 1.0]]),
-          ("of 19 entries; it must be a list of 0 to 18", [[0, 1, 1.0]] * 19),
+          ("a list of length 2; it must be a list of length 3", [[0, 1]]),
+          ("a list of length 4; it must be a list of length 3", [[0, 1, 1.0, 1.0]]),
+          ("a list of length 19; it must be a list of length 0 to 18", [[0, 1, 1.0]] * 19),
       )),
     *((message, ["multipliers", "faces"], [entry])
       for message, entry in (
-          ("must be a list of 3", [0, 0]),
-          ("must be a list of 3", [0, 0, 1.0, 1.0]),
+          ("must be a list of length 3", [0, 0]),
+          ("must be a list of length 3", [0, 0, 1.0, 1.0]),
           ("a contact of multipliers is", [6, 0, 1.0]),
           ("a face of multipliers is", [0, 6, 1.0]),
       )),

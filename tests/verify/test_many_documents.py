@@ -65,7 +65,7 @@ def test_several_files_are_verified_in_one_go(written, tmp_path):
 
 def test_a_folder_that_cannot_be_made_is_named(written, tmp_path):
     (tmp_path / "file").write_text("")
-    with pytest.raises(SceneError, match="file/documents: cannot be made"):
+    with pytest.raises(SceneError, match="file/documents: the folder cannot be created"):
         write_path_documents(written[1], tmp_path / "file" / "documents")
 
 

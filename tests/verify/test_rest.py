@@ -217,14 +217,14 @@ def test_a_motion_below_the_limit_proves_no_weak_verdict():
     factor = 1.01 * made["stability"]["motion"]["point_acceleration"]
     for key in ("acceleration_resolution", "acceleration_limit"):
         made["stability"][key] *= factor / document("walls")["stability"]["acceleration_limit"]
-    assert failures(made) == {"it is above the limit"}
+    assert failures(made) == {"its acceleration is above the limit"}
 
 
 def test_contacts_are_not_counted_from_behind():
     made = copy.deepcopy(document("slope"))
     for node in made["stability"]["proof"]["nodes"]:
         node["contact"] = -1
-    with pytest.raises(ValueError, match="says nothing of a contact"):
+    with pytest.raises(ValueError, match="must state a contact, and a state other than free"):
         rest_lines(made)
     made = copy.deepcopy(document("slope"))
     made["stability"]["proof"]["nodes"][0]["contact"] = -2  # the root is of contact -1
@@ -259,7 +259,8 @@ def test_a_contact_that_may_open_is_not_taken_for_closed(number):
         del left[index : index + 2]
         said.append(rest_lines(made)[-1])
     assert any(
-        line.passed is False and "is free, and does not slip" in line.detail for line in said
+        line.passed is False and "is free, so it cannot be split by its slip" in line.detail
+        for line in said
     )
 
 
@@ -290,7 +291,7 @@ def test_leaves_that_nearly_prove_it_do_not():
     for given in (nodes[leaf]["multipliers"] for leaf, _ in leaves(nodes)):
         given |= {key: times(0.99)(values) for key, values in given.items()}
     assert failures(made) == {"rest is the only outcome"}
-    assert "power 0.01 of" in rest_lines(made)[-1].detail
+    assert "power 0.01, limit" in rest_lines(made)[-1].detail
 
 
 def test_friction_that_lacks_a_little_of_its_power_is_seen_where_little_moves():
@@ -299,7 +300,7 @@ def test_friction_that_lacks_a_little_of_its_power_is_seen_where_little_moves():
     assert made["stability"]["status"] == "weak" and not failures(made)
     for press, failing in (
         (1e-9, set()),
-        (1e-4, {"friction opposes its slip, and what parts bears nothing"}),
+        (1e-4, {"friction opposes its slip, and open contacts have no force"}),
     ):
         forces = np.array(document("gliding")["stability"]["motion"]["contact_forces"])
         forces[3:, 1] += [press * G, -press * G]
@@ -364,7 +365,7 @@ def test_arcs_of_slip_cover_each_direction(seed):
     away = np.abs((directions[:, None] - middles + np.pi) % (2.0 * np.pi) - np.pi)
     covered = bool((away.min(axis=1) <= half + 1e-9).all())
     assert uncovered_states(children, known, np.array([False])) == (
-        "" if covered else "arcs of slip are left out"
+        "" if covered else "the arcs of the children leave out slips"
     )
 
 
@@ -372,15 +373,19 @@ def test_arcs_of_slip_cover_each_direction(seed):
     ("known", "kinds", "why"),
     [
         (Kind.FREE, [Kind.OPEN, Kind.CLOSED], ""),
-        (Kind.CLOSED, [Kind.OPEN, Kind.CLOSED], "it is closed already"),
-        (Kind.FREE, [Kind.OPEN], "no split into open"),
-        (Kind.FREE, [Kind.STICKING, Kind.SLIPPING], "it is free, and does not slip"),
+        (Kind.CLOSED, [Kind.OPEN, Kind.CLOSED], "it is known to be closed already"),
+        (Kind.FREE, [Kind.OPEN], "it cannot be split into open"),
+        (
+            Kind.FREE,
+            [Kind.STICKING, Kind.SLIPPING],
+            "it is free, so it cannot be split by its slip",
+        ),
         (Kind.CLOSED, [Kind.STICKING, Kind.SLIPPING], ""),
-        (Kind.CLOSED, [Kind.SLIPPING], "nothing says what happens where it sticks"),
-        (Kind.CLOSED, [Kind.STICKING], "arcs of slip are left out"),
-        (Kind.CLOSED, [Kind.OPEN, Kind.STICKING], "no split into open, sticking"),
+        (Kind.CLOSED, [Kind.SLIPPING], "no child is the case in which it sticks"),
+        (Kind.CLOSED, [Kind.STICKING], "the arcs of the children leave out slips"),
+        (Kind.CLOSED, [Kind.OPEN, Kind.STICKING], "it cannot be split into open, sticking"),
         (Kind.SLIPPING, [Kind.SLIPPING], ""),
-        (Kind.STICKING, [Kind.SLIPPING], "it is sticking, and does not slip"),
+        (Kind.STICKING, [Kind.SLIPPING], "it is sticking, so it cannot be split by its slip"),
     ],
 )
 def test_a_split_leaves_out_no_state(known, kinds, why):
@@ -422,7 +427,7 @@ def test_each_condition_of_an_outcome_is_held_up_alone():
     }
     assert failures(made) == {
         "rest is an outcome",
-        "friction opposes its slip, and what parts bears nothing",
+        "friction opposes its slip, and open contacts have no force",
     }
     stated["motion"]["contact_forces"] = [[0.0, 0.0, 0.0], [0.0, 0.0, 0.0]]
     assert failures(made) == {"rest is an outcome"}

@@ -77,11 +77,11 @@ SPOILT = {
     "balance of forces": ("rest", pushed),
     "balance of moments": ("rest", turned),
     "inside friction cones": ("rest", wider),
-    "normal forces within 0 and limit": ("rest", lower),
+    "normal forces between 0 and limit": ("rest", lower),
     "torques within limits": ("rest", weaker),
     "torques within limits, below": ("rest", stronger),
     "required margin": ("rest", asked),
-    "kinetic friction against sliding": ("up", slid),
+    "kinetic friction opposes sliding": ("up", slid),
 }
 
 
@@ -114,8 +114,8 @@ def test_a_contact_does_not_pull(pull):
     pulling = forces.f.copy()
     pulling[3] = -pull * problem.force * problem.kinetic_directions[3]
     found = {c.name: c.passed for c in force_checks(problem, Forces(problem, pulling))}
-    assert not found["normal forces within 0 and limit"]
-    assert found["kinetic friction against sliding"]
+    assert not found["normal forces between 0 and limit"]
+    assert found["kinetic friction opposes sliding"]
 
 
 def test_each_stated_figure_is_right_to_a_billionth(made):
@@ -229,7 +229,9 @@ def test_the_unit_is_that_of_the_largest_torque(lever, unit):
     assert document["max_torque_unit"] == unit
     assert verify_document(document).proven
     other = {"N": "N m", "N m": "N"}[unit]
-    assert failed(changed(document, "max_torque_unit", to=other)) == ["its unit as stated"]
+    assert failed(changed(document, "max_torque_unit", to=other)) == [
+        "unit of the largest torque as stated"
+    ]
 
 
 @pytest.mark.parametrize(

@@ -84,7 +84,9 @@ def test_a_component_that_no_motion_has_excludes_no_contact(floor):
         node["combinations"] = combinations
         proof = walked(problem, [node])
         assert proof.failure == (
-            "1 parts of the modes have no node" if excluded else "node 0 names no conflict"
+            "1 sets of modes have no node"
+            if excluded
+            else "node 0 does not prove that its items conflict"
         )
     # One sign of two is not enough either, nor a combination that is none.
     node = {
@@ -93,11 +95,11 @@ def test_a_component_that_no_motion_has_excludes_no_contact(floor):
         "open": [FINGER, 1],
         "combinations": combinations[:1],
     }
-    assert "names no conflict" in walked(problem, [node]).failure
+    assert "does not prove that its items conflict" in walked(problem, [node]).failure
     node["combinations"] = [combinations[0], combinations[0]]
-    assert "names no conflict" in walked(problem, [node]).failure
+    assert "does not prove that its items conflict" in walked(problem, [node]).failure
     node["combinations"] = combinations[::-1]
-    assert "names no conflict" in walked(problem, [node]).failure
+    assert "does not prove that its items conflict" in walked(problem, [node]).failure
 
 
 def test_a_contact_may_stay_unselected(floor):
@@ -131,7 +133,7 @@ def test_a_selected_contact_has_no_part_without_it(floor):
     assert released is not None
     proof = walked(problem, [split], root=released)
     assert "1 nodes" not in proof.failure  # one part is left: the whole of it
-    assert proof.failure == "1 parts of the modes have no node"
+    assert proof.failure == "1 sets of modes have no node"
 
 
 def test_motions_say_nothing_of_friction_that_needs_none():
@@ -142,7 +144,7 @@ def test_motions_say_nothing_of_friction_that_needs_none():
     assert {node["kind"] for node in nodes} <= {"kinematic", "conflict", "contact"}
     problem = read_problem(document)
     assert walked(problem, nodes).failure == ""
-    assert "where friction needs none" in walked(problem, nodes, free=True).failure
+    assert "friction needs none here" in walked(problem, nodes, free=True).failure
     false = changed(document, "status", to="infeasible_forces")
     false["message"] = "infeasible: no contact forces at all"
     assert "infeasible" in failed(false)[0]
@@ -161,12 +163,18 @@ def test_the_items_of_a_conflict_are_split_one_after_the_other(floor):
     proof = walked(problem, [up, {"kind": "contact", "contact": FINGER}, released, down, down])
     assert not proof.failure and proof.leaves == 3
     assert walked(problem, [up, released]).failure == ""  # its multipliers hold for both at once
-    assert walked(problem, [up, down]).failure == "node 1 does not rule out its motions"
+    assert (
+        walked(problem, [up, down]).failure
+        == "node 1 does not rule out all virtual motions of its modes"
+    )
     # An item that does not weigh in the combination leaves out more than it proves.
     more = {**up, "items": []}
-    assert walked(problem, [more]).failure == "node 0 names no conflict"
+    assert walked(problem, [more]).failure == "node 0 does not prove that its items conflict"
     other = {**up, "items": [[FINGER, 1, -1]]}
-    assert walked(problem, [other, released]).failure == "node 0 names no conflict"
+    assert (
+        walked(problem, [other, released]).failure
+        == "node 0 does not prove that its items conflict"
+    )
 
 
 @pytest.mark.parametrize("v", [[], [[0, 1, 1.0]], [[FINGER, 1, 1.0]], [[FINGER, 2, 1.0]]])
@@ -204,7 +212,4 @@ def test_a_selected_contact_has_every_pair_of_signs_but_no_sliding(floor):
     whole = replace(every, allowed_pairs=np.ones_like(every.allowed_pairs))
     split = {"kind": "contact", "contact": FINGER}
     for root, parts in ((every, 5), (whole, 9)):
-        assert (
-            walked(problem, [split], root=root).failure
-            == f"{parts} parts of the modes have no node"
-        )
+        assert walked(problem, [split], root=root).failure == f"{parts} sets of modes have no node"

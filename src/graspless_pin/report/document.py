@@ -370,7 +370,7 @@ def _created_folder(folder: Path) -> Path:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise SceneError(f"{folder}: cannot be made ({error.strerror})") from error
+        raise SceneError(f"{folder}: the folder cannot be created ({error.strerror})") from error
     return folder
 
 
@@ -408,7 +408,7 @@ def with_proven_claims(
     unproven = [one for one in checks if one.passed is not True]
     rest_failures = [one for one in unproven if one.claim is Claim.REST]
     if rest_failures and verdict is not None and verdict.status is not Stability.UNDECIDED:
-        why = f"undecided: its proof does not pass the check ({_failure_text(rest_failures)})"
+        why = f"undecided: its proof fails verification ({_failure_text(rest_failures)})"
         verdict = undecided_verdict(
             verdict.problem,
             verdict.torques,
@@ -438,7 +438,7 @@ def _without_refused_claims(
         status=status,
         _forces=None,
         _mode=None,
-        _explanation=f"Its document does not pass the check: {_failure_text([*refused, *lost])}.",
+        _explanation=f"Its document fails verification: {_failure_text([*refused, *lost])}.",
     )
 
 

@@ -132,14 +132,14 @@ def _check_blocks(solution: TorqueSolution, program: Program, blocks: dict[str, 
     bounded = "normal_upper" in blocks or any(b.name == "normal" for b in program.bounded_blocks)
     is_round = solution.problem.cone_model.second_order
     if is_round or twice or not (bounded and {"balance", "faces"} <= blocks.keys()):
-        why = "does not keep the balance, the cones and the limits of normal forces"
+        why = "it lacks the balance, the cones or the limits of normal forces"
         if is_round:
-            why = "has round cones (pyramids, cone: edges, have a document)"
+            why = "the friction cones are round; solve with cone: edges"
         elif twice:
-            why = f"has two blocks of the name '{twice[0]}'"
+            why = f"it has two blocks with the name '{twice[0]}'"
         raise ArgumentError(
             "solution",
-            f"is of the objective '{solution.objective.name}', which {why}; no document holds it",
+            f"its objective '{solution.objective.name}' cannot be written as a document: {why}",
         )
 
 
@@ -322,7 +322,7 @@ class StatedObjective(Objective):
         """
         own, forces = self.stated, program.forces
         if forces.cones.second_order:
-            raise ValueError("an objective of one's own stands in no document with round cones")
+            raise ValueError("an objective of your own is not supported together with round cones")
         force, kept = forces.coordinates.force_scale, own.keeps
         columns = self._add_columns(program)
 
@@ -353,7 +353,7 @@ class StatedObjective(Objective):
         flat = rows.forces.reshape(-1, 3 * len(forces.normal_rows))
         axes = forces.coordinates.layout.axes
         if np.delete(flat, axes, axis=1).any():
-            raise ValueError("a row of the objective has friction where there is no cone")
+            raise ValueError("a row of the objective has friction at a contact without a cone")
         for name, sign, shape in rows.blocks:
             begin, first = first, first + int(np.prod(shape))
             at = np.arange(begin, first)

@@ -59,15 +59,16 @@ def check_bounds(document: dict[str, Any]) -> None:
     for key, entries in (("contacts", contacts), ("joints", joints), *rows):
         if len(entries) > MOST_CONTACTS:
             raise ArgumentError(
-                "document", f"{key}: has {len(entries)} entries; at most {MOST_CONTACTS} are read"
+                "document",
+                f"{key}: has {len(entries)} entries; at most {MOST_CONTACTS} are allowed",
             )
     size = _coefficient_count(document, len(contacts), len(joints))
     if size > MOST_COEFFICIENTS:
         raise ArgumentError(
             "document",
-            f"contacts: {len(contacts)} of them, with their cones, make a program of {size:.2g} "
-            f"coefficients; at most {MOST_COEFFICIENTS:.2g} are read: solve with fewer cone edges "
-            "or points_per_patch",
+            f"contacts: {len(contacts)} contacts with their cones make a program of {size:.2g} "
+            f"coefficients; at most {MOST_COEFFICIENTS:.2g} are supported: solve with fewer "
+            "cone_edges or points_per_patch",
         )
     waiting = list(document.items())
     while waiting:
@@ -86,8 +87,8 @@ def check_bounds(document: dict[str, Any]) -> None:
         elif isinstance(item, int | float) and LARGEST_STATED < abs(item) < math.inf:
             raise ArgumentError(
                 "document",
-                f"{where[:100]}: has the number {item!r:.30}; numbers up to {LARGEST_STATED:g} "
-                "are read",
+                f"{where[:100]}: has the number {item!r:.30}; its size must be at most "
+                f"{LARGEST_STATED:g}",
             )
 
 
@@ -172,13 +173,13 @@ def read_solution(document: dict[str, Any]) -> TorqueSolution:
         1.6504 N
     """
     if not isinstance(document, dict):
-        raise ArgumentError("document", "is no JSON object; it must be one written by solve")
+        raise ArgumentError("document", "is not a JSON object; it must be written by solve")
     if "format" not in document:
-        raise ArgumentError("document", "lacks the key 'format'; it must be one written by solve")
+        raise ArgumentError("document", "lacks the key 'format'; it must be written by solve")
     if document["format"] != FORMAT:
         found = document["format"]
         raise ArgumentError(
-            "document", f"has the format {found!r:.20}; {FORMAT} can be read: solve again"
+            "document", f"has the format {found!r:.20}; it must be {FORMAT}: solve again"
         )
     check_bounds(document)
     try:
@@ -187,9 +188,9 @@ def read_solution(document: dict[str, Any]) -> TorqueSolution:
     except KeyError as error:
         raise ArgumentError("document", f"lacks the key {error}") from None
     except GrasplessPinError as error:
-        raise ArgumentError("document", f"holds a problem that is none: {error}") from None
+        raise ArgumentError("document", f"states an invalid problem: {error}") from None
     except (TypeError, ValueError, IndexError, AttributeError, ArithmeticError) as error:
-        raise ArgumentError("document", f"has a value of a wrong type or size: {error}") from None
+        raise ArgumentError("document", f"has an invalid value: {error}") from None
 
 
 def document_origin(document: dict[str, Any]) -> FloatArray:
@@ -335,5 +336,5 @@ def _check_cones(problem: QuasistaticProblem, contacts: list[dict[str, Any]]) ->
             ):
                 raise ArgumentError(
                     "document",
-                    f"contacts[{index}].{key}: are not those of the cone {problem.cone!r} here",
+                    f"contacts[{index}].{key}: differs from the installed cone {problem.cone!r}",
                 )

@@ -56,7 +56,7 @@ def robust_sentences(answer: RobustAnswer) -> list[str]:
     robust = answer.robust
     if not answer.found:
         return _no_torques_sentences(answer)
-    covered = "all of it" if robust.samples is None else "all of it but where contacts are"
+    covered = "the whole set" if robust.samples is None else "the set except contact positions"
     lines = [
         f"Not known exactly: {answer.uncertainty}.",
         f"Torques for {covered}: {_figures_text(robust, answer)}, proven for {robust.proven_for}; "
@@ -64,13 +64,13 @@ def robust_sentences(answer: RobustAnswer) -> list[str]:
     ]
     samples = robust.samples
     if Coverage.CORNERS in (robust.coverage, samples and samples.where_meant):
-        lines.append("Corners need different virtual slidings: between them nothing is proven.")
+        lines.append("The corners need different modes of virtual sliding: between them nothing is proven.")
     if samples is not None:
         lines.append(f"Sampled, not proven: {samples}.")
     value, bound = robust.value, robust.bound
-    of_which = "corners" if robust.policy is None and samples is None else "of it"
+    of_which = "corners" if robust.policy is None and samples is None else "members"
     if robust.policy is not None:
-        lines.append("Contact forces affine in what has no corners, or too many, prove it.")
+        lines.append("The proof is a policy of contact forces that are affine in the unknowns.")
     if math.isfinite(bound) and abs(value - bound) > _SAME_AS_BOUND * abs(value):
         lines.append(
             f"No torques for all {of_which} are better than {bound:.4g} "
@@ -86,8 +86,8 @@ def robust_sentences(answer: RobustAnswer) -> list[str]:
         lines += _corner_sentences(answer.at_corners)
     if robust.feedback is not None and robust.largest_deflection > _STILL:
         lines.append(
-            "With the stiffness of the controller joints give way by up to "
-            f"{robust.largest_deflection:.2g} rad (m): the largest torque counts what that adds."
+            "With the stiffness of the controller, joints give way by up to "
+            f"{robust.largest_deflection:.2g} rad (m); max |torque| includes what that adds."
         )
     return lines
 
@@ -96,25 +96,25 @@ def _corner_sentences(judged: MemberVerdicts) -> list[str]:
     """Return sentences on the verdicts at the corners, the worst one, and the corners left out."""
     lines, holdings = [], [str(one.holding) for one in judged.verdicts]
     if holdings and set(holdings) == {str(Holding.HOLDS)}:
-        lines.append(f"At the corners of the set the object stays: holds at {len(holdings)}.")
+        lines.append(f"At all {len(holdings)} corners of the set the object stays (holds).")
     elif holdings:
         tally = ", ".join(f"{word} at {holdings.count(word)}" for word in dict.fromkeys(holdings))
         worst = judged.members[judged.worst].words
         worst_message = judged.verdicts[judged.worst].message
         lines.append(
-            f"Does it stay at the corners of the set? {tally}; the worst, {worst}: {worst_message}."
+            f"Verdicts at the corners of the set: {tally}; the worst, {worst}: {worst_message}."
         )
     if judged.left_out:
         lines.append(
-            f"{with_noun(judged.left_out, 'corner')} more could not be asked about in "
-            f"{CORNER_TIME:g} s; in Python `scene.stability_of_members` takes its time."
+            f"{with_noun(judged.left_out, 'corner')} more got no verdict within {CORNER_TIME:g} s; "
+            "in Python `scene.stability_of_members` has no such limit."
         )
     return [*lines, "Between the corners nothing is proven about rest."]
 
 
 def _no_torques_sentences(answer: RobustAnswer) -> list[str]:
     robust, nominal = answer.robust, answer.nominal
-    together = "No torques serve these members together, only without one of them:"
+    together = "No torques serve all these members together (without any one of them, some do):"
     if len(robust.conflict) < 2:
         together = "No torques serve this member:" if robust.conflict else ""
     lines = [
@@ -125,47 +125,50 @@ def _no_torques_sentences(answer: RobustAnswer) -> list[str]:
     part = answer.uncertainty.scaled(share) if share > 0.0 else None
     if answer.unserved_share - share > _OPEN:
         lines.append(
-            f"At least {100.0 * share:.3g} % of it is served{'' if part is None else f': {part}'}. "
-            f"Whether more is, up to {100.0 * answer.unserved_share:.3g} %, was left open after "
-            f"{SHARE_TIME:g} s."
+            f"At least {100.0 * share:.3g} % of the set is served"
+            f"{'' if part is None else f': {part}'}. Whether more is, up to "
+            f"{100.0 * answer.unserved_share:.3g} %, was not decided within {SHARE_TIME:g} s."
         )
     elif part is not None:
-        lines.append(f"Up to {100.0 * share:.3g} % of it is served: {part}.")
+        lines.append(f"Up to {100.0 * share:.3g} % of the set is served: {part}.")
     elif share == 0.0:
-        lines.append("No part of it is served, however small.")
+        lines.append("No part of the set is served, however small.")
     if answer.with_feedback is not None:
         lines.append(_feedback_sentence(answer.with_feedback))
     if not nominal.found:
-        return [*lines, f"Not even for the nominal scene: {nominal.status.message}."]
+        return [*lines, f"No torques for the nominal scene either: {nominal.status.message}."]
     return [*lines, f"For the nominal scene alone: {_figures_text(nominal, answer)}."]
 
 
 def _no_torques_reason(robust: RobustSolution) -> str:
     if robust.status is Status.NOT_FOUND_IN_LIMIT:
         return (
-            "Whether torques serve all of it is open: the limit on nodes or time ended the search "
-            "first. Raise it, or state less as uncertain."
+            "Whether torques serve the whole set is not decided: a node or time limit ended the "
+            "search. Raise the limit, or make the set smaller."
         )
     if robust.rest is not None and robust.status is Status.STRONG_NOT_FOUND:
-        text = "Torques serve all of it, but none were found of which rest is the only outcome at "
-        text += f"each corner ({robust.rest.tried} tried). That there are none is not proven."
+        text = "Torques serve the whole set, but none were found with rest as the only outcome at "
+        text += f"each corner ({robust.rest.tried} tried). It is not proven that there are none."
         if robust.rest.verdicts:
             last = robust.members[robust.rest.corners[-1]].words
             text += f" Rest is lost where {last}: {robust.rest.verdicts[-1].message}."
         return text
     if robust.status is Status.UNVERIFIED:
-        return "Whether torques serve all of it is open: none were proven to. Make it smaller."
-    return f"No torques for all of it: {robust.status.message}."
+        return (
+            "Whether torques serve the whole set is not decided: none were proven to. Make the set "
+            "smaller."
+        )
+    return f"No torques for the whole set: {robust.status.message}."
 
 
 def _feedback_sentence(robust: RobustSolution) -> str:
     if robust.status is Status.NOT_FOUND_IN_LIMIT:
-        return "Whether position feedback at the joints serves it was not found in time."
+        return "Whether position feedback at the joints serves the set was not decided in time."
     if not robust.found:
-        return "Position feedback at the joints does not serve it either."
+        return "Position feedback at the joints does not serve the set either."
     most = robust.largest_deflection
     return (
-        f"Position feedback at the joints serves it: max |torque| {robust.max_torque:.4g} "
+        f"Position feedback at the joints serves the set: max |torque| {robust.max_torque:.4g} "
         f"{robust.max_torque_unit}; with {STIFFNESS:g} N m/rad (controller: "
         f"{STIFFNESS:g}) joints give way by up to {most:.2g} rad (m), with K times that by one Kth."
     )
@@ -191,7 +194,7 @@ def _objective_unit(answer: RobustAnswer) -> str:
     if objective.by_limits:
         return "of the limits"
     unit = str(answer.robust.max_torque_unit)
-    return unit if objective.algorithm else "of the objective's unit"
+    return unit if objective.algorithm else "in the unit of the objective"
 
 
 def robust_data(answer: RobustAnswer) -> dict[str, Any]:

@@ -114,7 +114,7 @@ def read_motion(document: dict[str, Any]) -> DynamicOutcome | None:
         fields["states"] = tuple(map(ContactState, fields["states"]))
         outcome = DynamicOutcome(**fields)
         if not (outcome.object_acceleration.any() or outcome.joint_accelerations.any()):
-            raise ValueError("nothing accelerates in it")
+            raise ValueError("neither object nor joints accelerate")
         return outcome
 
 
@@ -135,7 +135,7 @@ def _refusing_invalid_motion() -> Iterator[None]:
     try:
         yield
     except ValueError as error:
-        raise ArgumentError("document", f"holds a motion that is none: {error}") from None
+        raise ArgumentError("document", f"states an invalid motion: {error}") from None
 
 
 def _sized_document(document: dict[str, Any]) -> Part:

@@ -27,8 +27,8 @@ def taken_as_given(problem: Problem, stated: Part) -> list[Check]:
         *_objective_lines(problem, stated),
         given(
             "how it was found",
-            "counters of the search, solver, versions, hashes, findings, words, and the optima "
-            "with another threshold of motions",
+            "counters of the search, solver, versions, hashes, findings, sentences, and the optima "
+            "with other thresholds of virtual motion",
         ),
     ]
 
@@ -39,8 +39,8 @@ def _coordinate_lines(problem: Problem) -> list[Check]:
         return []
     count, turning = len(problem.w), int(problem.is_moment.sum())
     detail = (
-        f"{count} of them, {count - turning} in N, {turning} in N m, with their wrench_matrix: "
-        "what contact forces do to them does not follow from contact points"
+        f"{count} coordinates, {count - turning} in N, {turning} in N m, and their wrench_matrix: "
+        "the effect of contact forces on them does not follow from the contact points"
     )
     return [given("passive coordinates", detail)]
 
@@ -49,9 +49,9 @@ def _cone_lines(problem: Problem, stated: Part) -> list[Check]:
     """Return the line on friction cones that are not known by name; none for those that are."""
     if problem.corners is None:
         return []
-    detail = f"their {problem.edges} corners, kinetic friction where contacts slide"
+    detail = f"their {problem.edges} corners, and the kinetic friction of sliding contacts"
     if problem.coulombs_law:
-        detail += ", and that they stand for Coulomb's law"
+        detail += ", and that they represent Coulomb's law"
     return [given(f"cones {stated['cone'][:60]!r}", detail)]
 
 
@@ -87,7 +87,10 @@ def _limits_text(problem: Problem) -> str:
             span = _range_text(float(finite.min()), float(finite.max())) if finite.size else "none"
             free = int((np.isinf(problem.lower[own]) | np.isinf(problem.upper[own])).sum())
             span += f" {unit}" if finite.size else ""
-            shown.append(f"joints {span}" + (f" ({free} without)" if free and finite.size else ""))
+            shown.append(
+                f"joints {span}"
+                + (f" ({free} with an infinite limit)" if free and finite.size else "")
+            )
     return "; ".join(shown)
 
 
@@ -117,7 +120,7 @@ def _objective_lines(problem: Problem, stated: Part) -> list[Check]:
     low, high, unbounded = own_box(problem, own, np.inf)
     if unbounded.any():
         shown = [f"{low[i] + 0.0:.3g} to {high[i]:.3g}" for i in np.flatnonzero(unbounded)[:10]]
-        detail = f"{', '.join(shown)}: {unbounded.sum()} columns that no row bounds on both sides"
+        detail = f"{unbounded.sum()} columns that no row bounds on both sides: {', '.join(shown)}"
         lines.append(given(f"boxes {where}", detail))
     return lines
 

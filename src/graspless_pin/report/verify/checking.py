@@ -77,14 +77,14 @@ def guarantee_checks(stated: Part, problem: Problem, status: str) -> list[Check]
         detail, sure = f"verdict: {strength}", strength == "strong"
         check = holds("the torques are guaranteed", sure, detail, Claim.GUARANTEE)
         return [check, *_best_case_checks(stated, problem)]
-    checks = [given("the best case", "of torques that are not stated")]
+    checks = [given("the best case", "its torques are not in the document")]
     if status == "infeasible_strong":
         # Without joints there is only one set of torques.
         none = not problem.units and strength in ("weak", "none")
         detail = f"verdict: {strength}, {len(problem.units)} joints"
         checks.append(holds("no torques are guaranteed", none, detail))
     elif status == "strong_not_found":
-        why = "no torques were found, and no proof that there are none"
+        why = "no such torques were found, and it is not proven that there are none"
         checks.append(Check("whether there are guaranteed torques", None, why))
     return checks
 
@@ -110,7 +110,7 @@ def _best_case_checks(stated: Part, problem: Problem) -> list[Check]:
     worse, limit = value - sign * best, tolerances.objective(problem, best, bound)
     return [
         within("the best case is within its bound", sign * (bound - best), limit, unit),
-        within("the best case is no worse", -worse, limit, unit),
+        within("the best case is no worse than the answer", -worse, limit, unit),
         agrees("gap to the best case as stated", gap, max(worse, 0.0), limit, unit),
     ]
 
@@ -163,16 +163,21 @@ def verify_document(document: dict[str, Any]) -> Verification:
             of a wrong type or size.
     """
     if not isinstance(document, dict):
-        raise ValueError("it is no solution document: not a JSON object")  # noqa: TRY004
+        raise ValueError("it is not a solution document: it must be a JSON object written by solve")  # noqa: TRY004
     if "format" not in document:
-        raise ValueError("it has no format version: solve again and write it anew")
+        raise ValueError(
+            "it does not state its format version: solve again to write a new document"
+        )
     if document["format"] != FORMAT or isinstance(document["format"], bool):
-        raise ValueError(f"its format version is not {FORMAT}, which alone can be checked here")
+        found = document["format"]
+        raise ValueError(f"its format version is {found!r:.20}; it must be {FORMAT}: solve again")
     try:
         with np.errstate(all="ignore"):
             return Verification(tuple(_Checker(document).run()))
     except np.linalg.LinAlgError as error:
-        raise ValueError(f"the document has figures that cannot be worked with: {error}") from None
+        raise ValueError(
+            f"the document has numbers that the checks cannot compute with: {error}"
+        ) from None
 
 
 class _Checker:
@@ -211,7 +216,7 @@ class _Checker:
         return [
             holds("found and status agree", found == (self.status in FOUND_STATES), self.status),
             holds("message and status agree", agree, message[:60]),
-            holds("the load has a size", good, f"{problem.force:.3g} N"),
+            holds("the load is positive", good, f"{problem.force:.3g} N"),
             agrees("force scale", force, problem.force, tolerances.SAME * problem.force, "N"),
             agrees("length scale", length, problem.length, tolerances.SAME * problem.length, "m"),
             self._reach_check(),
@@ -234,8 +239,8 @@ class _Checker:
         opposing, limit = against_mode(problem, forces, selected, signs), tolerances.force(problem)
         checks += [
             within("friction opposes the mode (27), (31)", opposing, limit, "N"),
-            holds("the forces are within that reach", most <= (1.0 + tolerances.SHARE) * reach,
-                  f"{most:.6g} N"),
+            holds("the forces are within the reach of the proof",
+                  most <= (1.0 + tolerances.SHARE) * reach, f"{most:.6g} N"),
             self._no_violation_check(),
         ]  # fmt: skip
         return checks + self._optimality_checks(forces, selected, signs)
@@ -248,7 +253,7 @@ class _Checker:
         ok &= ~selected | problem.candidates
         if problem.constrained:
             ok &= selected | ~problem.slides
-        detail = f"contacts that do not: {np.flatnonzero(~ok).tolist()}"
+        detail = f"contacts that violate them: {np.flatnonzero(~ok).tolist()}"
         return holds("signs obey the rules", ok.all(), detail)
 
     def _motion_check(self, selected: np.ndarray, signs: np.ndarray) -> Check:
@@ -262,15 +267,14 @@ class _Checker:
         friction = forces.local[:, 1:] * self.problem.has_cone[:, None]
         with_friction = np.abs(friction) > tolerances.force(self.problem)
         ok = (selected == (signs != 0).any(axis=1)).all() and (signs[with_friction] != 0).all()
-        return holds(
-            "signs describe the friction", ok, f"{int(with_friction.sum())} components rub"
-        )
+        detail = f"{int(with_friction.sum())} components of friction are not zero"
+        return holds("signs describe the friction", ok, detail)
 
     def _reach_check(self) -> Check:
         """Check the normal forces up to which bounds are proven: all, or far above the load."""
         problem, reach = self.problem, self.certificate["force_reach"]
         wanted = min(tolerances.LONGEST_REACH * problem.force, float(problem.limit.max()))
-        detail = f"{reach:.6g} N, wanted {wanted:.6g} N"
+        detail = f"{reach:.6g} N, required {wanted:.6g} N"
         return holds("reach of the proof", reach >= (1.0 - tolerances.SAME) * wanted, detail)
 
     def _optimality_checks(
@@ -326,7 +330,7 @@ class _Checker:
         multipliers = self.stated["multipliers"].stated
         bound, strays = self._proven_bound(multipliers, "multipliers", with_friction)
         own, limit = value - bound, tolerances.objective(problem, value, bound)
-        shown = f"of no constraint: {', '.join(strays) or 'none'}"
+        shown = f"without a constraint: {', '.join(strays) or 'none'}"
         return [
             holds("each multiplier has a constraint", not strays, shown),
             within("multipliers of these forces", own, limit, unit),
@@ -335,7 +339,7 @@ class _Checker:
 
     def _in_mode_check(self, value: float, selected: np.ndarray, signs: np.ndarray) -> Check:
         stated, good = self.proof.get("mode_multipliers"), False
-        detail = "no multipliers in the document"
+        detail = "the document does not state its multipliers"
         if stated is not None:
             free = ModeSet.one_mode(self.problem, selected, signs).friction
             bound, strays = self._proven_bound(stated.stated, "mode_multipliers", free)
@@ -351,11 +355,13 @@ class _Checker:
         stated += [c.get("force") for c in document["contacts"]]
         stated += [j.get(key) for j in document["joints"] for key in ("torque", "torque_contact")]
         empty = all(one is None for one in stated)
-        checks = [holds("states no forces", empty, "null" if empty else "some are there")]
+        checks = [holds("states no forces", empty, "null" if empty else "some are stated")]
         if self.status in (*OPEN, *UNGUARANTEED):
             checks.append(self._no_violation_check())
             if self.status in OPEN:
-                checks.append(Check("whether there is an answer", None, "the search did not end"))
+                checks.append(
+                    Check("whether there is an answer", None, "the search did not decide it")
+                )
             return checks
         name, shared = MESSAGES[self.status].split(":")[0], self.certificate["infeasibility"]
         if not self.complete:
@@ -385,9 +391,9 @@ class _Checker:
     def _infeasibility_check(self, name: str, proof: TreeProof) -> Check:
         failure = proof.failure
         if not failure and proof.bound < np.inf:
-            failure = "a leaf does not prove that there are no forces"
+            failure = "a leaf does not prove that no forces are feasible"
         if not failure and self.status == "infeasible_mode" and proof.programs:
-            failure = "a leaf speaks of forces, not of motions"
+            failure = "a leaf rules out contact forces, but it must rule out virtual motions"
         return holds(name, not failure, failure or _leaves(proof))
 
     # both

@@ -43,14 +43,21 @@ def disturbance_checks(document: object, problem: Problem) -> list[Check]:
     )  # fmt: skip
     claims, sure = stated["directions"], undisturbed["status"] == "strong"
     checks = [
-        holds("rest without disturbance is sure", sure or not claims, f"{len(claims)} directions")
+        holds(
+            "rest without disturbance is guaranteed",
+            sure or not claims,
+            f"{len(claims)} directions",
+        )
     ]
     bodies = read_load(document, problem)
     limit = bodies.acceleration_limit(resolution_of(undisturbed))
     for claim in claims:
         unit = claim["direction"]
         if abs(float(np.linalg.norm(unit)) - 1.0) > tolerances.UNIT or length <= 0.0:
-            raise ValueError(f"direction of {claim.where} is no unit of force and moment")
+            raise ValueError(
+                f"direction of {claim.where} must have the length 1, and "
+                "characteristic_length must be positive"
+            )
         step = unit * np.where(problem.is_moment, length, 1.0)
         checks += _DirectionChecks(claim, bodies, step, limit).run(largest)
     return checks
@@ -68,10 +75,10 @@ class _DirectionChecks:
 
     def run(self, largest: float) -> list[Check]:
         if self.bodies.problem.slides.any():
-            raise ValueError(f"{self.name} is of an object that slides")
+            raise ValueError(f"{self.name} is not supported together with contacts that slide")
         stated = [self.claim.maybe(key) for key in _CLAIMS]
         if all(one is None or (isinstance(one, list) and not one) for one in stated):
-            return [holds(f"{self.name} was not reached", passed=True, detail="claims nothing")]
+            return [holds(f"{self.name} was not examined", passed=True, detail="it claims nothing")]
         return [self._guaranteed_check(), self._possible_check(largest), *self._failing_checks()]
 
     def _load_at(self, magnitude: float) -> RestLoad:
@@ -81,14 +88,14 @@ class _DirectionChecks:
 
     def _guaranteed_check(self) -> Check:
         """Check that adjoining spans from zero reach the claimed magnitude."""
-        name, wanted, reached = f"{self.name} is borne", self.claim["guaranteed"], 0.0
+        name, wanted, reached = f"{self.name} is withstood", self.claim["guaranteed"], 0.0
         spans, shown = self.claim.maybe("spans"), f"up to {wanted:.6g} N"
         if spans is None:
             return Check(name, None, f"{shown}: no proof in the document")
         for ends in spans:
             where, (first, last) = ends[0].where, (end["magnitude"] for end in ends)
             if not first <= reached <= last:
-                return holds(name, passed=False, detail=f"{where} is not next to the one before")
+                return holds(name, passed=False, detail=f"{where} does not adjoin the one before")
             for check in self._span_checks(ends, where):
                 if not check.passed:
                     return holds(name, passed=False, detail=f"{check.name}: {check.detail}")
@@ -123,7 +130,7 @@ class _DirectionChecks:
             if dynamics is not None:
                 checks.append(tree_check(where, proof, dynamics, least, (self.limit, limit)))
             elif own.inertia is None:
-                checks.append(holds(where, passed=False, detail="no inertia is known"))
+                checks.append(holds(where, passed=False, detail="not all inertias are stated"))
         return checks
 
     # the largest and the failing magnitude
@@ -141,7 +148,7 @@ class _DirectionChecks:
         z = self.claim.maybe("no_rest")
         if z is None:
             is_end = possible >= largest
-            why = "as far as was looked" if is_end else "what is beyond is not said"
+            why = "the largest one searched" if is_end else "that no more can is not stated"
             return Check(name, is_end or None, f"{shown}, {why}")
         step = np.concatenate([self.step, np.zeros(len(z) - len(self.step))])
         beyond = possible + tolerances.BEYOND * max(
@@ -154,7 +161,7 @@ class _DirectionChecks:
 
     def _failing_checks(self) -> list[Check]:
         """Return the check that the object may or must move at a magnitude, if one is claimed."""
-        name, verdict = f"{self.name} is too much", self.claim.maybe("failure")
+        name, verdict = f"{self.name} is too large", self.claim.maybe("failure")
         if verdict is None and self.claim.maybe("failing") is None:
             return []
         verdict, failing = self.claim["failure"], self.claim["failing"]
@@ -162,11 +169,11 @@ class _DirectionChecks:
         wrong = [f"{line.name}: {line.detail}" for line in lines if not line.passed]
         status = verdict["status"]
         if status not in ("weak", "none"):
-            wrong.append(f"it is {status}")
+            wrong.append(f"the verdict is {status}; it must be weak or none")
         if not wrong and status == "weak":
             speed = verdict["motion"]["point_acceleration"]
             if speed <= self.limit:
-                wrong.append(f"{speed:.6g} m/s^2 is no motion without disturbance")
+                wrong.append(f"{speed:.6g} m/s^2 is within the limit without disturbance")
         shown = f"at {failing:.6g} N the verdict is {status}"
         return [holds(name, not wrong, wrong[0] if wrong else shown)]
 

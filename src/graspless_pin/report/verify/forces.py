@@ -27,9 +27,9 @@ def force_checks(problem: Problem, forces: Forces) -> list[Check]:
         within("balance of forces", force, limit, "N"),
         within("balance of moments", moment, tolerances.moment(problem), "N m"),
         within("inside friction cones", _largest_excess(forces.outside), limit, "N"),
-        within("normal forces within 0 and limit", _normal_excess(problem, normal),
-               tolerances.SHARE, "of the limit's or load's"),
-        within("kinetic friction against sliding", _kinetic_error(problem, forces), limit, "N"),
+        within("normal forces between 0 and limit", _normal_excess(problem, normal),
+               tolerances.SHARE, "of limit or load"),
+        within("kinetic friction opposes sliding", _kinetic_error(problem, forces), limit, "N"),
         within("required margin", problem.e0 - forces.margin, limit, "N short"),
     ]  # fmt: skip
     if problem.own is not None:
@@ -38,12 +38,12 @@ def force_checks(problem: Problem, forces: Forces) -> list[Check]:
             within("constraints of the objective", violation, tolerances.SHARE, "of their units")
         )
         if "torque" not in own.keeps:
-            return [*checks, given("torques within limits", "the objective does not ask for them")]
+            return [*checks, given("torques within limits", "the objective omits them")]
     name, over = "torques within limits", _torque_excess(problem, forces)
     if not tolerances.are_limits_resolved(problem):
-        lost = "the load is too large for a torque limit to be told beside it"
+        lost = "the load is too large to check torque limits in double precision"
         return [*checks, holds(name, passed=False, detail=lost)]
-    return [*checks, within(name, over, tolerances.SHARE, "of the limit's or load's")]
+    return [*checks, within(name, over, tolerances.SHARE, "of limit or load")]
 
 
 def against_mode(
@@ -100,11 +100,11 @@ def figure_checks(problem: Problem, forces: Forces, stated: Part) -> list[Check]
             "torques J^T f + g as stated",
             tolerances.ARITHMETIC * _largest_excess(off),
             tolerances.ARITHMETIC,
-            "of the load's",
+            "of the load's torque",
         ),
         agrees("margin as stated", margin, checked_margin, tolerances.force_figure(problem), "N"),
         agrees("largest torque as stated", largest, found, tolerance, unit),
-        holds("its unit as stated", unit in units, unit),
+        holds("unit of the largest torque as stated", unit in units, unit),
     ]
 
 

@@ -79,12 +79,12 @@ class Verification:
         made = [check for check in self.checks if not check.given]
         if not self.passed:
             failed = [check.name for check in made if check.passed is False]
-            return f"Not so: {len(failed)} of {len(made)} checks failed, first {failed[0]!r}."
+            return f"Refused: {len(failed)} of {len(made)} checks failed, the first {failed[0]!r}."
         if not self.proven:
             open_ = [check.name for check in made if check.passed is None]
             return (
-                f"Nothing is wrong in {len(made)} checks, but the document proves not all that it "
-                f"claims: {open_[0]!r}{f' and {len(open_) - 1} more' if open_[1:] else ''}."
+                f"None of {len(made)} checks failed, but not every claim is proven here: "
+                f"{open_[0]!r}{f' and {len(open_) - 1} more' if open_[1:] else ''}."
             )
         return (
             f"Verified: all figures and proofs of the document, in {len(made)} checks, for the "

@@ -155,7 +155,7 @@ def read_own_objective(stated: Part, *, found: bool) -> OwnObjective:
 
     kept, terms = frozenset(stated["keeps"]), stated["terms"]
     if not {"balance", "faces"} <= kept:
-        raise ValueError("the objective does not keep the balance and the cones")
+        raise ValueError("keeps of the objective must contain balance and faces")
     blocks = {key: terms[key] if key in kept else np.zeros((stated.sizes["M"], stated.sizes["k"]))
               for key in KEPT[:4]}  # fmt: skip
     own = OwnObjective(
@@ -177,9 +177,9 @@ def read_own_objective(stated: Part, *, found: bool) -> OwnObjective:
         rows=_read_rows(stated),
     )
     if not own.unit > 0.0 or not (own.column_unit > 0.0).all():
-        raise ValueError("a unit of the objective is not positive")
+        raise ValueError("all units of the objective must be positive")
     if (own.curvature < 0.0).any() or (own.force_curvature < 0.0).any():
-        raise ValueError("the objective is not convex")
+        raise ValueError("the objective must be convex: no curvature may be negative")
     return own
 
 
@@ -190,14 +190,14 @@ def _read_rows(stated: Part) -> OwnRows:
         name, sign, shape = block["name"], block["sign"], tuple(block["shape"])
         size = int(np.prod(shape))
         if size * max(3 * M, k) > _MOST_COEFFICIENTS:
-            raise ValueError(f"{name} has too many rows")
+            raise ValueError(f"block {name!r} of the objective has too many rows")
         block = block.with_sizes(q=size)
         low, high = _with_infinite_ends(np.array([block["low"], block["high"]]))
         unit = np.abs(np.nan_to_num(block["unit"], nan=1.0))
         if not (unit > 0.0).all():
-            raise ValueError(f"{name} has a unit that is not positive")
+            raise ValueError(f"all units of block {name!r} of the objective must be positive")
         if sign == "any" and (low != high).any():
-            raise ValueError(f"{name} is no block of equalities")
+            raise ValueError(f"low and high of block {name!r} with the sign 'any' must be equal")
         if sign == "upper":
             low = np.full(size, -np.inf)
         blocks.append((name, sign, shape))

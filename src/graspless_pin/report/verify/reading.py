@@ -37,7 +37,7 @@ def read_problem(document: object) -> Problem:
     if entry(document, "algorithm", WHOLE) is not None:
         algorithm = stated["algorithm"]
     elif edges == 0:
-        raise ValueError("an objective of one's own stands in no document with round cones")
+        raise ValueError("an objective of your own is not supported together with round cones")
     else:
         own = read_own_objective(stated["objective"], found=stated["found"])
     lower, upper = stacked(joints, "lower"), stacked(joints, "upper")
@@ -76,7 +76,9 @@ def read_problem(document: object) -> Problem:
         "torque_gravity must be a number": ~np.isfinite(problem.gravity),
         "lower must not be above upper": problem.lower > problem.upper,
         "required_margin must not be negative": np.array(problem.e0 < 0.0),
-        "required_margin is 0 in Algorithm 1": np.array(problem.is_margin and problem.e0 != 0.0),
+        "required_margin must be 0 in Algorithm 1": np.array(
+            problem.is_margin and problem.e0 != 0.0
+        ),
         "regularization must not be negative": np.array(problem.epsilon < 0.0),
     }.items():
         if wrong.any():
@@ -96,7 +98,7 @@ def _read_coordinates(stated: Part, sizes: dict[str, int]) -> tuple[np.ndarray |
         sizes["P"] = len(items(rows, "wrench_matrix", 1, MOST))
     if rows is None:
         if stated.stated.get("passive_units") is not None:
-            raise ValueError("the document states passive_units, but no wrench_matrix")
+            raise ValueError("passive_units requires a wrench_matrix, which the document lacks")
         return None, np.repeat([False, True], 3)
     turns = np.array([unit == "N m" for unit in stated["passive_units"]])
     return stated["wrench_matrix"].T.reshape(sizes["M"], 3, sizes["P"]), turns
@@ -112,7 +114,7 @@ def _read_cones(
         if sliding is not None:
             kinetic[index] = sliding
             continue
-        where = f"contact {index} with the cone {cone!r}, not known by name,"
+        where = f"contact {index}, whose cone {cone!r} is neither edges nor round,"
         own = entry(contact.stated, "cone_corners", where)
         sizes.setdefault("r", len(items(own, f"cone_corners of contact {index}", 3, MOST)))
         stated[index] = contact["cone_corners"]
@@ -134,15 +136,18 @@ def _check_cones(problem: Problem, cones: list[tuple[np.ndarray, np.ndarray]]) -
         if not problem.has_cone[index]:
             along = float(problem.frames[index, 1:] @ problem.v[index] @ kinetic)
             if np.linalg.norm(kinetic) > most[index] or along > 0.0:
-                raise ValueError(f"kinetic_friction of {where} is too large, or along its sliding")
+                raise ValueError(
+                    f"kinetic_friction of {where} must not exceed its friction coefficient, and "
+                    "must oppose its sliding"
+                )
             continue
         with np.errstate(invalid="ignore"):  # where two corners coincide
             faces = faces_between(corners)
         outside = np.column_stack([np.ones(len(corners)), corners]) @ faces.T
         if not (faces[:, 0] < 0.0).all() or outside.max() > tolerances.SAME:
-            raise ValueError(f"cone_corners of {where} are no convex polygon around its normal")
+            raise ValueError(f"cone_corners of {where} must be a convex polygon around its normal")
         if np.linalg.norm(corners, axis=1).max() > most[index]:
-            raise ValueError(f"cone_corners of {where} are beyond its coefficient of friction")
+            raise ValueError(f"cone_corners of {where} must not exceed its friction coefficient")
 
 
 def read_origin(stated: Part) -> np.ndarray:

@@ -113,26 +113,29 @@ class _VerdictChecks:
         checks = [given("inertias", "as they are stated" if self.is_known else "not known")]
         if self.bodies.joints_held:
             checks.append(given("joints", "keep their positions, whatever torques that takes"))
-        rest = f"{self.resolution:g} of load over mass"
+        rest = f"{self.resolution:g} times load over mass"
         if self.is_known:
             claimed, tolerance = self.stated["acceleration_limit"], tolerances.SAME * self.limit
             checks.append(agrees("acceleration limit", claimed, self.limit, tolerance, "m/s^2"))
-            rest += f": points that accelerate by up to {self.limit:.3g} m/s^2 are at rest"
+            rest += f": points that accelerate by up to {self.limit:.3g} m/s^2 count as at rest"
         checks += [given("resolution of accelerations", rest), *self._message_checks()]
         claims = {key: self.stated[key] for key in _CLAIMS if self.stated.get(key) is not None}
         if claims:
             shown = ", ".join(f"{key} {str(value)[:20]}" for key, value in claims.items())
-            checks.append(given("what small motions do, and what moves", shown))
+            checks.append(given("free motions, and what moves", shown))
         if self.status == "undecided":
             return [*checks, holds("whether the object stays", passed=True,
                                    detail="left undecided: nothing is claimed")]  # fmt: skip
         if not self.problem.coulombs_law:
-            why = "a verdict is about Coulomb's law, and the cones are others"
+            why = "a verdict requires Coulomb's law, but the cones do not represent it"
             return [*checks, holds("whether the object stays", passed=False, detail=why)]
         if self.status == "none":
             # Along some motion contact forces do work of one sign, and the load of the other.
             unbalanced = self.bodies.least_unbalanced_load(self.stated["no_rest"])
-            good, detail = unbalanced > tolerances.SHARE, f"{unbalanced:.3g} loads are unbalanced"
+            good, detail = (
+                unbalanced > tolerances.SHARE,
+                f"{unbalanced:.3g} loads cannot be balanced",
+            )
             return [*checks, holds("rest is no outcome", good, detail), *self._motion_checks()]
         amiss = self.bodies.rest_violation(self.bodies.local(self.stated["rest_forces"]))
         checks.append(within("rest is an outcome", amiss, tolerances.SHARE, "loads"))
@@ -161,7 +164,9 @@ class _VerdictChecks:
         if motion is None and self.status == "none":
             return []
         if self.dynamics is None:
-            return [holds("a motion is an outcome", passed=False, detail="no inertia is known")]
+            return [
+                holds("a motion is an outcome", passed=False, detail="inertias or load are missing")
+            ]
         motion = self.stated["motion"]
         acceleration = np.concatenate(
             [motion["object_acceleration"], motion["joint_accelerations"]]
@@ -189,17 +194,17 @@ class _VerdictChecks:
         speed = float(np.linalg.norm(problem.points @ acceleration[: len(problem.w)], axis=1).max())
         claimed, most = motion["point_acceleration"], tolerances.motion(self.resolution)
         checks = [
-            given("what contacts do in a motion", shorten(" ".join(motion["states"]), 60)),
+            given("states of the contacts in a motion", shorten(" ".join(motion["states"]), 60)),
             within("a motion obeys the dynamics", residual, most, "loads"),
             within("its forces are in the cones, and as commanded", wrong / F, most, "loads"),
             within("it penetrates nothing", -float(u[:, 0].min()) / unit, most, "loads over mass"),
-            within("friction opposes its slip, and what parts bears nothing", float(gaps.max()),
+            within("friction opposes its slip, and open contacts have no force", float(gaps.max()),
                    most, "loads"),
             agrees("its largest acceleration", claimed, speed, most * unit, "m/s^2"),
         ]  # fmt: skip
         if self.status == "weak":
             detail = f"{speed:.6g} m/s^2, limit {self.limit:.6g}"
-            checks.append(holds("it is above the limit", speed > self.limit, detail))
+            checks.append(holds("its acceleration is above the limit", speed > self.limit, detail))
         return checks
 
     # proof
@@ -221,14 +226,14 @@ class _VerdictChecks:
             )
             return [*checks, *([reach] if checks else []), shown]
         if self.dynamics is None:
-            return [*checks, holds(name, passed=False, detail="no inertia is known")]
+            return [*checks, holds(name, passed=False, detail="inertias or load are missing")]
         return [*checks, reach, tree_check(name, proof, self.dynamics, loads, (self.limit, limit))]
 
     def _declared_motion_check(self, proof: Part, limit: float) -> Check:
         """Check that the declared motion is the only outcome."""
         name, dynamics = "the declared motion is the only outcome", self.dynamics
         if dynamics is None or not np.isfinite(self.limit):
-            return holds(name, passed=False, detail="no inertia is known")
+            return holds(name, passed=False, detail="inertias or load are missing")
         return kept_tree_check(name, proof, dynamics, self.problem, (self.limit, limit))
 
 
@@ -255,11 +260,11 @@ def holding_checks(stated: Part | None, instant: str, bodies: RestLoad) -> list[
         expected = ("may_fail" if at_best == 0.0 else lost) if growth > 0.0 else "holds"
         # ``finger_moves`` claims less than ``holds``.
         agree = agree and (status == expected or (status, expected) == ("finger_moves", "holds"))
-    least = "none that is known" if needed is None else f"{needed:.3g}"
+    least = "not stated" if needed is None else f"{needed:.3g}"
     detail = f"{stated['controller'][:60]}; stiffness needed: {least}"
     assumed = set(stated["assumed_contacts"])
     if assumed:
-        detail += f"; points that stay on both bodies are assumed at {len(assumed)}"
+        detail += f"; {len(assumed)} contact points are assumed to stay on both bodies"
     checks = [
         holds("holding and stability agree", agree, f"{status}: {instant} at the first instant"),
         given("what small motions do under the controller", detail),
@@ -291,11 +296,11 @@ def _growth_proof_checks(holding: Part, bodies: RestLoad) -> list[Check]:
         try:
             why = proof.failure()
         except np.linalg.LinAlgError as error:
-            why = f"the matrices are of no motion ({error})"
+            why = f"the matrices of the proof are invalid ({error})"
         count = proof.N.shape[1]
         good = (
-            f"faster than {proof.rate:g} /s with {feedback}; geometric stiffness of "
-            f"{count} motions as stated"
+            f"faster than {proof.rate:g} /s with {feedback}; the geometric stiffness of "
+            f"{count} motions is taken as given"
         )
         if not count:
             good = "every motion slips or opens a contact"
@@ -360,7 +365,7 @@ class _GrowthProof:
     def failure(self) -> str:
         """Return why this proves nothing; empty: it is a proof."""
         if not 0.0 <= self.rate <= tolerances.GROWTH:
-            return f"the rate is {self.rate:g} /s; it must be at most {tolerances.GROWTH:g}"
+            return f"the rate is {self.rate:g} /s; it must be 0 to {tolerances.GROWTH:g}"
         if min(one.min(initial=0.0) for one in (self.gains, self.damping, self.rotors)) < 0.0:
             return "gains, damping and rotors must not be negative"
         return self._motions_failure() or self._growth_failure()
@@ -373,7 +378,7 @@ class _GrowthProof:
         still[:, 1:] = problem.has_cone[:, None]
         still[hybrid[hybrid >= 0], 0] = False
         if self.bodies.rest_violation(self.forces) > tolerances.SHARE:
-            return "the forces are none of rest"
+            return "the forces do not balance the load at rest"
         still[self.forces[:, 0] <= tolerances.bearing_force(self.bodies.undisturbed)] = False
         columns = np.zeros(rows.shape[2], dtype=bool)
         columns[: self.passive] = True
@@ -381,7 +386,7 @@ class _GrowthProof:
         omitted = ~columns
         omitted[self.passive :] &= hybrid < 0
         if rows[:, :, omitted].any() or self.N[~columns].any():
-            return "a joint that moves a contact is left out"
+            return "the proof omits a joint that moves a contact"
         flat = rows[still][:, columns]
         sizes = np.linalg.norm(flat, axis=0)
         sizes[sizes == 0.0] = 1.0
@@ -390,12 +395,12 @@ class _GrowthProof:
         lengths = np.linalg.norm(motions, axis=0)
         basis, _ = np.linalg.qr(motions / np.where(lengths > 0.0, lengths, 1.0))
         if np.abs(scaled @ basis).max(initial=0.0) > tolerances.WITHOUT_SLIP:
-            return "the motions let contacts slip or open"
+            return "some of the motions slip or open a contact"
         values = np.linalg.svd(scaled, compute_uv=False)
         rank = int((values > tolerances.MOTION_RANK * values.max(initial=0.0)).sum())
         count = motions.shape[1]
         if np.linalg.matrix_rank(motions) < count or rank + count < scaled.shape[1]:
-            return "the motions are not all that neither slip nor open contacts"
+            return "motions that neither slip nor open a contact are missing"
         return ""
 
     def _growth_failure(self) -> str:
@@ -415,7 +420,7 @@ class _GrowthProof:
         )
         w = max(float(np.sqrt(np.abs(own).max())), self.rate)
         if not w > 0.0:
-            return "the rate is zero"
+            return "the rate and the stiffness are zero"
         A = np.block([[np.zeros_like(own), np.eye(count)], [-own / w**2, -slowed / w]])
         A = A - self.rate / w * np.eye(2 * count)
         P = 0.5 * (self.P + self.P.T)

@@ -207,11 +207,11 @@ def _check_mass(stated: Part, inertia: np.ndarray) -> None:
     """
     mass, most = inertia[0, 0], tolerances.SAME * inertia[0, 0]
     if not mass > 0.0 or (np.abs(inertia[:3, :3] - mass * np.eye(3)) > most).any():
-        raise ValueError("object_inertia is of no rigid body: its mass differs with the direction")
+        raise ValueError("object_inertia must have the same positive mass in all directions")
     total = stated_mass(stated)
     if total is not None:
         total += sum(load["mass"] for load in stated.get("loads") or [])
         if abs(total - mass) > most:
             raise ValueError(
-                f"object_inertia is of {mass:.6g} kg, but the object of {total:.6g} kg"
+                f"object_inertia has the mass {mass:.6g} kg; object and loads have {total:.6g} kg"
             )

@@ -100,29 +100,29 @@ def uncovered_motions(children: list[PatchSlip], known: PatchSlip | None) -> str
     first = children[0] if known is None else known
     if any(one.contacts != first.contacts or not np.array_equal(one.images, first.images)
            for one in children):  # fmt: skip
-        return "its children are of other contacts or motions"
+        return "its children have other contacts or images"
     if known is not None:
         return _uncovered_half(cones, known.cone, len(children))
     if len(cones) != len(children) - 1:
-        return "nothing says what happens where none of its contacts slips, or too much"
+        return "exactly one child must be the case in which none of its contacts slips"
     if any(not np.array_equal(one.axes, cones[0].axes) for one in cones):
-        return "its cones have other axes"
+        return "its cones must have the same axes"
     whole = {
         (one.axis, one.sign) for one in cones if (one.low <= -1.0).all() and (one.high >= 1.0).all()
     }
     if whole != {(axis, sign) for axis in range(3) for sign in (-1, 1)}:
-        return "some motions are in no cone"
-    return "" if np.linalg.matrix_rank(cones[0].axes) == 3 else "its axes lie in a plane"
+        return "its cones do not cover all motions"
+    return "" if np.linalg.matrix_rank(cones[0].axes) == 3 else "its axes must not lie in one plane"
 
 
 def _uncovered_half(cones: list[MotionCone], outer: MotionCone | None, count: int) -> str:
     """Return in words which motions of a cone two parts of it leave out; empty: none."""
     if outer is None:
-        return "it does not slip, and is split no more"
+        return "it does not slip, so it cannot be split further"
     same = [np.array_equal(one.axes, outer.axes) for one in cones]
     faces = {(one.axis, one.sign) for one in cones}
     if len(cones) != 2 or count != 2 or not all(same) or faces != {(outer.axis, outer.sign)}:
-        return "its motions are not halved"
+        return "its cone must be split into two parts along the same axes"
     low, high = (np.array([getattr(one, end) for one in cones]) for end in ("low", "high"))
     covers = (low <= outer.low) & (high >= outer.high)
     for side in (0, 1):
@@ -130,7 +130,7 @@ def _uncovered_half(cones: list[MotionCone], outer: MotionCone | None, count: in
         meets = low[lower, side] <= outer.low[side] and high[upper, side] >= outer.high[side]
         if covers[:, 1 - side].all() and meets and low[upper, side] <= high[lower, side]:
             return ""
-    return "some motions are in neither half"
+    return "the two parts do not cover its cone"
 
 
 def unproven_arcs(patch: PatchSlip, rows: np.ndarray, tolerance: float) -> str:

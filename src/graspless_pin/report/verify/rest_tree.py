@@ -96,7 +96,7 @@ def read_rest_tree(proof: Part, dynamics: RestDynamics) -> RestNode:
         while waiting and waiting[-1][1] == 0:
             waiting.pop()
         if not waiting:
-            raise ValueError(f"{stated.where} is left over")
+            raise ValueError(f"{stated.where} has no parent: the tree is complete without it")
         parent, missing = waiting.pop()
         node, count = _read_node(stated, is_root=False)
         parent.children.append(node)
@@ -112,17 +112,17 @@ def _read_node(stated: Part, *, is_root: bool) -> tuple[RestNode, int]:
     """Return a node without its children, and their number."""
     contact, kind, where = stated["contact"], Kind(stated["state"]), stated.where
     if (contact < 0 or kind == Kind.FREE) != is_root:
-        raise ValueError(f"{where} says nothing of a contact" if not is_root else
-                         f"{where} is the root, of which nothing is known")  # fmt: skip
+        raise ValueError(f"{where} must state a contact, and a state other than free" if not is_root
+                         else f"{where} is the root: its state must be free")  # fmt: skip
     own = stated.get("patch")
     center, half_width = stated["slip"] if kind == Kind.SLIPPING and own is None else (0.0, np.pi)
     patch = None if own is None else read_patch(own)
     if patch is not None:
         expected = Kind.STICKING if patch.cone is None else Kind.SLIPPING
         if (contact, kind) != (patch.contacts[0], expected):
-            raise ValueError(f"{where} is of another contact or state than its patch")
+            raise ValueError(f"{where} has another contact or state than its patch")
     if not 0.0 <= half_width <= np.pi:
-        raise ValueError(f"slip of {where} has the half width {half_width:.6g}")
+        raise ValueError(f"slip of {where} has the half width {half_width:.6g}; it must be 0 to pi")
     bound = stated.maybe("multipliers")
     node = RestNode(
         contact,
@@ -166,7 +166,7 @@ class RestWalk:
             NoProofError: If they leave out outcomes.
         """
         if self._visit(root, KnownStates.all_free(len(self.dynamics.rows)), self.loads):
-            raise NoProofError("what some nodes pass over is in no other")
+            raise NoProofError("no node covers the outcomes that some nodes leave to others")
 
     def _visit(
         self, node: RestNode, states: KnownStates, loads: np.ndarray
@@ -178,7 +178,7 @@ class RestWalk:
             return {}
         first = node.children[0]
         if any(child.contact != first.contact for child in node.children):
-            raise NoProofError(f"children of one node are of contacts {first.contact} and others")
+            raise NoProofError(f"children of one node have contact {first.contact} and others")
         patches = [child.patch for child in node.children if child.patch is not None]
         if patches:
             return self._split_patch(node, patches, states, loads)
@@ -205,7 +205,9 @@ class RestWalk:
         """Check the children of a node that splits a patch; return what `_visit` returns."""
         first = patches[0]
         if len(patches) < len(node.children):
-            raise NoProofError(f"children of one node are of contact {first.contacts[0]} alone")
+            raise NoProofError(
+                f"only some children of one node have a patch of contact {first.contacts[0]}"
+            )
         why = uncovered_motions(patches, states.known_slip(first))
         if why:
             raise NoProofError(f"the patch of contact {first.contacts[0]}: {why}")
@@ -213,7 +215,7 @@ class RestWalk:
         for child, patch in zip(node.children, patches, strict=True):
             wrong = unproven_arcs(patch, self.dynamics.rows, allowed)
             if wrong:
-                raise NoProofError(f"arcs of slip of contacts {wrong} do not follow")
+                raise NoProofError(f"arcs of slip of contacts {wrong} do not hold all slips")
             for key, value in self._visit(child, states.with_patch(patch, allowed), loads).items():
                 needed[key] = max(needed.get(key, 0.0), value)
         return needed
@@ -273,10 +275,10 @@ class RestWalk:
             sides = np.array([largest_along(row, one) for row, one in pairs])
             tolerance = float(np.linalg.norm(np.maximum(sides[:2], sides[2:])))
         else:
-            raise NoProofError(f"contact {contact} cannot be told to be {child.kind}")
+            raise NoProofError(f"contact {contact} is {known}, and cannot be proven {child.kind}")
         tolerance = max(tolerance, 0.0)
         if not np.isfinite(tolerance):
-            raise NoProofError(f"contact {contact} is not proven to be {child.kind}")
+            raise NoProofError(f"the multipliers do not prove contact {contact} to be {child.kind}")
         if _PASSED_OVER.get(known) == child.kind and not child.children and child.bound is None:
             return {(contact, child.kind): tolerance}
         return self._visit(child, states.with_state(contact, child.kind, most=tolerance), loads)
@@ -307,16 +309,18 @@ def _count_kept_leaves(
         claimed = _EMPTY if goal == 0 else 1.0 + tolerances.SHARE
         bound = declared_motion_bound(dynamics, states, multipliers, goals[goal], force_limit)
         if not bound <= claimed:
-            raise NoProofError(f"goal {goal} reaches {bound:.3g} where {claimed:.3g} is claimed")
+            raise NoProofError(
+                f"goal {goal} has the bound {bound:.3g}; it must be at most {claimed:.3g}"
+            )
         proven |= {goal}
     if not node.children:
         wanted = len(goals) - 1
         if 0 not in proven and len(proven) < wanted:
-            raise NoProofError(f"a leaf bounds {len(proven)} of {wanted} accelerations")
+            raise NoProofError(f"a leaf bounds only {len(proven)} of {wanted} accelerations")
         return 1
     contact = node.children[0].contact
     if any(child.forced or child.contact != contact for child in node.children):
-        raise NoProofError(f"children of one node are of contact {contact} and others, or forced")
+        raise NoProofError(f"children of one node have contact {contact} and others, or are forced")
     why = uncovered_states(node.children, states, np.isfinite(dynamics.commanded))
     if why:
         raise NoProofError(f"contact {contact}: {why}")
@@ -338,19 +342,19 @@ def uncovered_states(children: list[RestNode], states: KnownStates, held: np.nda
     contact = children[0].contact
     known, kinds = states.kinds[contact], sorted(child.kind for child in children)
     if kinds == [Kind.CLOSED, Kind.OPEN]:
-        return "" if known == Kind.FREE else f"it is {known} already"
+        return "" if known == Kind.FREE else f"it is known to be {known} already"
     arcs = [child.arc for child in children if child.kind == Kind.SLIPPING]
     if len(children) - len(arcs) > 1 or set(kinds) - {Kind.SLIPPING, Kind.STICKING}:
-        return f"no split into {', '.join(kinds)}"
+        return f"it cannot be split into {', '.join(kinds)}"
     if known == Kind.CLOSED or (known == Kind.FREE and held[contact]):
         whole_arc = 0.0, np.pi
         if Kind.STICKING not in kinds:
-            return "nothing says what happens where it sticks"
+            return "no child is the case in which it sticks"
     elif known == Kind.SLIPPING:
         whole_arc = float(states.center[contact]), float(states.half_width[contact])
     else:
-        return f"it is {known}, and does not slip"
-    return "" if _arcs_cover(whole_arc, arcs) else "arcs of slip are left out"
+        return f"it is {known}, so it cannot be split by its slip"
+    return "" if _arcs_cover(whole_arc, arcs) else "the arcs of the children leave out slips"
 
 
 def _arcs_cover(outer: tuple[float, float], arcs: list[tuple[float, float]]) -> bool:
@@ -375,9 +379,9 @@ def force_limit(proof: Part, wanted: float) -> tuple[float, Check]:
     limit, name = proof.maybe("force_limit"), "force limit of the proof"
     if limit is None:
         uses_limit = proof.maybe("loads") or proof.maybe("nodes")
-        detail = "none is stated, but the proof uses one" if uses_limit else "it uses none"
+        detail = "the proof uses one, but states none" if uses_limit else "not used"
         return wanted, holds(name, not uses_limit, detail)
-    detail = f"{limit:.6g} N, wanted {wanted:.6g} N"
+    detail = f"{limit:.6g} N, required {wanted:.6g} N"
     return limit, holds(name, limit >= (1.0 - tolerances.SAME) * wanted, detail)
 
 
@@ -456,7 +460,7 @@ def tree_check(
         walk.walk(read_rest_tree(proof, dynamics))
     except NoProofError as error:
         return holds(name, passed=False, detail=str(error))
-    shown = f"{walk.leaves} leaves, power {walk.bound:.3g} of {most_power:.3g} (scaled)"
+    shown = f"{walk.leaves} leaves, power {walk.bound:.3g}, limit {most_power:.3g} (scaled)"
     return holds(name, walk.bound <= (1.0 + tolerances.SHARE) * most_power, shown)
 
 

@@ -114,7 +114,7 @@ def motion_check(problem: Problem, u: np.ndarray, selected: np.ndarray, signs: n
         return holds(name, passed=True, detail="no contact slides virtually: no motion is needed")
     size = float(np.linalg.norm(u))
     if not (np.isfinite(size) and size > 0.0):
-        return holds(name, passed=False, detail="the motion is none")
+        return holds(name, passed=False, detail="the stated motion is zero or not finite")
     leaving = float(np.abs(u[selected, 0]).max()) / size
     along = (signs * u[:, 1:])[selected] / size
     if problem.sign_rule == "nonzero":
@@ -129,7 +129,7 @@ def motion_check(problem: Problem, u: np.ndarray, selected: np.ndarray, signs: n
         and leaving <= tolerances.STILL
         and backward <= tolerances.STILL
     )
-    detail = f"slowest sliding {slowest:.1e}, parting {leaving:.1e} of all velocities"
+    detail = f"slowest sliding {slowest:.1e}, normal velocity {leaving:.1e} of all velocities"
     return holds(name, good, detail)
 
 
@@ -174,7 +174,7 @@ class TreeWalk:
         proof, waiting, failure = TreeProof(), [root], ""
         for number, node in enumerate(nodes):
             if not waiting:
-                proof.failure = f"{len(nodes) - number} nodes are left over"
+                proof.failure = f"the tree is complete without the last {len(nodes) - number} nodes"
                 return proof
             state, kind = waiting.pop(), node["kind"]
             if kind == "bound":
@@ -183,22 +183,22 @@ class TreeWalk:
                 proof.leaves, proof.programs = proof.leaves + 1, proof.programs + 1
                 proof.violation = max(shared, 0.0) if len(nodes) == 1 else 0.0
             elif state.free:
-                failure = "speaks of modes where friction needs none"
+                failure = "rules out virtual motions, but friction needs none here"
             elif kind == "kinematic":
                 proof.leaves += 1
                 if not self._excludes(node["combination"], state):
-                    failure = "does not rule out its motions"
+                    failure = "does not rule out all virtual motions of its modes"
             else:
                 children = (self._conflict_children if kind == "conflict" else _contact_children)(
                     node, state
                 )
-                failure = "names no conflict" if children is None else ""
+                failure = "does not prove that its items conflict" if children is None else ""
                 waiting.extend(reversed(children or []))
             if failure:
                 proof.failure = f"{node.where} {failure}"
                 return proof
         if waiting:
-            proof.failure = f"{len(waiting)} parts of the modes have no node"
+            proof.failure = f"{len(waiting)} sets of modes have no node"
         return proof
 
     def _leaf_bound(self, node: Part, state: ModeSet) -> tuple[float, float]:

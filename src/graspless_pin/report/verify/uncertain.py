@@ -61,13 +61,13 @@ def uncertainty_checks(
     members = stated["members"]
     for one in members:
         one["words"]  # raises if it is invalid
-    checks = [given("the members", f"{len(members)} of the set, as stated")]
+    checks = [given("the members", f"{len(members)} members of the set, as stated")]
     if not stated["found"]:
         return [*checks, _same_problem_check(document, stated, members, problem)]
     each = [_read_member(one, problem) for one in members]
     nested, constant = stated["proof"], stated.maybe("feedback") is None
     if not isinstance(nested, dict) or "uncertainty" in nested:
-        raise ValueError("proof of uncertainty is no document of a joined problem")
+        raise ValueError("proof of uncertainty must be the document of the joined problem")
     joined = read_problem(nested)
     proof = joined.part(nested)
     by_joint, joints = stated["torques"], whole["joints"]
@@ -81,7 +81,7 @@ def uncertainty_checks(
         bounding = [_read_member(one, problem) for one in stated["bounding"]]
         proven = [
             _join_check(joined, problem, bounding, constant=constant),
-            Check("stated", None, "the limit ended its search before forces were found")
+            Check("stated", None, "its search reached its limit before it found forces")
             if bound is None
             else agrees("stated", stated["bound"], bound, tolerances.SAME * abs(bound)),
             *run(nested),
@@ -131,7 +131,7 @@ def _same_problem_check(
     same = [stated[key] == document[key] for key in ("status", "found")]
     same += [_agree(joined.w[: len(wrenches)], array(wrenches, (len(wrenches),), "wrenches"))]
     same += [_agree(joined.mu, array(coefficients, (len(coefficients),), "friction"))]
-    return holds("this is the problem of the members", all(same), f"{stated['status']:.60}")
+    return holds("the document is that of the joined problem", all(same), f"{stated['status']:.60}")
 
 
 def _join_check(joined: Problem, problem: Problem, each: list[Member], *, constant: bool) -> Check:
@@ -163,7 +163,7 @@ def _join_check(joined: Problem, problem: Problem, each: list[Member], *, consta
         not constant or _shares_torques(joined, each, rows),
     ]  # fmt: skip
     detail = f"{count} members of {contacts} contacts"
-    return holds(name, all(same), detail + ("" if constant else "; what feedback adds is given"))
+    return holds(name, all(same), detail + ("" if constant else "; feedback is taken as given"))
 
 
 def _are_blocks(found: np.ndarray, own: list[np.ndarray]) -> bool:
@@ -217,7 +217,7 @@ def _other_member_checks(
         return []
     name, detail = "the torques serve all other members", f"{len(members)} members"
     if any(one.maybe("forces") is None for one in members):
-        return [given("all other members", f"{detail}, in modes that are not stated")]
+        return [given("all other members", f"{detail}, in modes that the document does not state")]
     mode = None
     if not problem.coulomb:
         selected, signs = read_mode(nested, read_problem(nested))
@@ -254,7 +254,7 @@ def _read_member(stated: Part, problem: Problem) -> Member:
     if stated.get("moved") is None:
         found |= {"moved": np.zeros_like(problem.p), "jacobian": problem.J}
     elif problem.stated_map is not None:
-        raise ValueError(f"{stated.where} has contacts moved, and the document a wrench_matrix")
+        raise ValueError(f"moved of {stated.where} is not supported together with wrench_matrix")
     else:
         found |= {key: stated[key] for key in ("moved", "jacobian")}
     found["map"] = found["jacobian"] / factors
@@ -306,7 +306,7 @@ def _figure_checks(stated: Part, proof: Part) -> list[Check]:
 
 def _bound_check(stated: Part, proof: Part, joined: Problem) -> Check:
     """Check the stated bound on all torques against the one of the joined problem."""
-    name = "what no torques for all members are better than"
+    name = "bound on all torques for all members"
     bound = stated.maybe("bound")
     own, gap = (proof["certificate"].maybe(key) for key in ("bound", "gap"))
     if bound is None or own is None:
@@ -314,9 +314,9 @@ def _bound_check(stated: Part, proof: Part, joined: Problem) -> Check:
     sign = 1.0 if joined.maximizes else -1.0
     reached = own - sign * gap
     if sign * (bound - reached) < -tolerances.objective(joined, own, reached):
-        return holds(name, passed=False, detail=f"{bound:.6g}, and these reach {reached:.6g}")
+        return holds(name, passed=False, detail=f"{bound:.6g}; these torques reach {reached:.6g}")
     same = agrees(name, bound, own, tolerances.SAME * abs(own))
-    return same if same.passed else given(name, "of another program, which is not stated")
+    return same if same.passed else given(name, "of a program that is not in the document")
 
 
 def _coverage_check(stated: Part, nested: dict[str, Any], joined: Problem, contacts: int) -> Check:
@@ -427,14 +427,16 @@ class AffineForces:
         beyond = np.maximum(self.driven + self.room - problem.upper - high,
                             problem.lower - low - self.driven + self.room)  # fmt: skip
         return [
-            given("loads and errors", f"{len(self.balls)} of them, {len(named)} of joints"),
+            given("loads and errors", f"{len(self.balls)} unknowns, {len(named)} errors of joints"),
             within("balance", float((residual / problem.passive_scale).max()), tolerances.SHARE,
                    "of the load"),
             within("forces without a cone", worst / problem.force, tolerances.SHARE, "of the load"),
-            within("margin lacks", problem.e0 - self.margin, tolerances.force(problem), "N"),
+            within("required margin", problem.e0 - self.margin, tolerances.force(problem),
+                   "N short"),
             self._same_commands_check(),
-            holds("errors are those of joints", proper, f"{len(named)} joints"),
-            within("errors lack", float((deficit / scale).max(initial=0.0)), tolerances.SHARE, ""),
+            holds("each error belongs to one joint", proper, f"{len(named)} joints"),
+            within("errors are as large as stated", float((deficit / scale).max(initial=0.0)),
+                   tolerances.SHARE, ""),
             holds("torque limits", not (beyond > 0.0).any(), f"{beyond.max(initial=0.0):.2e}"),
         ]  # fmt: skip
 
@@ -455,7 +457,7 @@ class AffineForces:
         if self.directions is not None:
             columns, sizes, _ = np.linalg.svd(self.directions)
             shared = columns[:, int((sizes > tolerances.SAME * sizes.max(initial=0.0)).sum()) :].T
-            note = "; what feedback adds is given"
+            note = "; feedback is taken as given"
         off = np.abs((self.commands - self.commands[0]) @ shared.T)
         off = (off + self.largest_value(shared @ self.added)) @ np.abs(shared)
         most = float((off / self.problem.joint_scale).max(initial=0.0))
@@ -490,5 +492,5 @@ def policy_checks(
     known = status == "limit_reached" or (closed and status in ("optimal", "optimal_in_mode"))
     checks.append(holds("status", known, f"{status:.60}, {affine.value:.9g}, bound {bound:.9g}"))
     if not problem.coulomb:
-        checks.append(Check("one mode", None, "that friction opposes a sliding is not in it"))
+        checks.append(Check("one mode", None, "no proof that friction opposes a virtual sliding"))
     return [replace(one, name=f"affine forces: {one.name}") for one in checks]

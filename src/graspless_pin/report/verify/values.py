@@ -31,7 +31,7 @@ def number(value: object, where: str) -> float:
     if abs(real) < _SMALLEST:
         return 0.0  # zero, or the rounding of it
     if not abs(real) <= LARGEST_READ:
-        raise _refusal(where, value, f"a number up to {LARGEST_READ:g}")
+        raise _refusal(where, value, f"a number of size {LARGEST_READ:g} or less")
     return real
 
 
@@ -110,9 +110,9 @@ def items(value: object, where: str, least: int, most: int) -> list[Any]:
         ValueError: If it is no such list.
     """
     if not isinstance(value, list) or not least <= len(value) <= most:
-        size = f"of {len(value)} entries" if isinstance(value, list) else _value_text(value)
+        size = f"a list of length {len(value)}" if isinstance(value, list) else _value_text(value)
         wanted = str(least) if least == most else f"{least} to {most}"
-        raise ValueError(f"{where} is {size}; it must be a list of {wanted}")
+        raise ValueError(f"{where} is {size}; it must be a list of length {wanted}")
     return value
 
 
