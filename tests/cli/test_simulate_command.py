@@ -64,7 +64,9 @@ def test_the_first_line_names_bodies_that_bear_nothing_where_some_force_is_prove
     left = {name: force for name, force in soft.normal_forces.items() if name != finger}
     lost = replace(found, runs=(stiff, replace(soft, normal_forces=left)))
     first = simulation_summary(scene, lost).splitlines()[0]
-    assert first == f"held: the object stays; but in the end {finger} bears nothing (soft bodies)"
+    assert (
+        first == f"held: the object stays; but at the end {finger} carries no force (soft bodies)"
+    )
 
 
 def test_options_change_the_outcome():

@@ -78,7 +78,7 @@ def test_margins_are_the_largest_for_the_whole_set(cuboid: Path) -> None:
     said = words(run("solve", cuboid, "--no-verdict").stdout)
     scene = load_scene(cuboid)
     robust, nominal = scene.solve(uncertainty=True), scene.solve()
-    assert f"Torques for all of it: margin e = {robust.margin:.6g} N" in said
+    assert f"Torques for the whole set: margin e = {robust.margin:.6g} N" in said
     assert f"for the nominal scene alone margin e = {nominal.margin:.6g} N" in said
     assert robust.margin < 0.96 * nominal.margin
 
@@ -381,7 +381,7 @@ def test_where_no_torques_serve_the_set(tmp_path: Path) -> None:
     result = run("solve", file, *ASKED, "--no-verdict", "--json", target)
     said = words(result.stdout)
     assert result.exit_code == 1
-    assert "No torques serve these members together, only without one of them:" in said
+    assert "No torques serve all these members together (without any one of them, some do):" in said
     document = read_document(target)
     assert not document["found"] and document["status"] == "infeasible_forces"
     stated = document["uncertainty"]
@@ -390,7 +390,7 @@ def test_where_no_torques_serve_the_set(tmp_path: Path) -> None:
     problem = load_scene(SPHERE).problem()
     expected = served_share(problem, Torque(0.1), Uncertainty(**SET), static_friction="coulomb")
     assert share == pytest.approx(expected, abs=2e-3)
-    assert f"Up to {100.0 * share:.3g} % of it is served: mass ±{20.0 * share:.3g} %" in said
+    assert f"Up to {100.0 * share:.3g} % of the set is served: mass ±{20.0 * share:.3g} %" in said
     conflict = [stated["members"][number]["words"] for number in stated["conflict"]]
     assert said.count("- mass ") == len(conflict)
     assert all(one in said for one in conflict)
@@ -412,16 +412,21 @@ def test_feedback_serves_what_rolls(tmp_path: Path) -> None:
     target = tmp_path / "solution.json"
     result = run("solve", file, *ASKED, "--no-verdict", "--json", target)
     said = words(result.stdout)
-    assert result.exit_code == 1 and "No part of it is served, however small." in said
+    assert result.exit_code == 1 and "No part of the set is served, however small." in said
     told = read_document(target)["uncertainty"]["with_feedback"]
     assert told["found"] and told["stiffness"] == 1.0
-    serves = f"Position feedback at the joints serves it: max |torque| {told['max_torque']:.4g} N m"
+    serves = (
+        f"Position feedback at the joints serves the set: max |torque| {told['max_torque']:.4g}"
+    )
     assert serves in said
     # Where there is no time for it, it is not said that it does not.
     scene = load_scene(file)
     short = robust_answer(scene, "torque", share_time=0.0, margin=0.1, static_friction="coulomb")
     open_text = words(robust_text(short))
-    assert "Whether position feedback at the joints serves it was not found in time." in open_text
+    assert (
+        "Whether position feedback at the joints serves the set was not decided in time."
+        in open_text
+    )
     held = run("solve", file, *ASKED, "--controller", "2", "--no-verdict", "--json", target)
     document = read_document(target)
     assert held.exit_code == 0 and verify_document(document).proven
@@ -476,7 +481,9 @@ def test_what_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
     file = stating(tmp_path, CUBOID, uncertainty={"mass": 0.1})
     heavy = stating(tmp_path, CUBOID, uncertainty={"mass": 0.1}, max_normal_force=2.0)
     result = run("solve", heavy, *ASKED)
-    assert result.exit_code == 1 and "Not even for the nominal scene" in words(result.stdout)
+    assert result.exit_code == 1 and "For the nominal scene alone: infeasible" in words(
+        result.stdout
+    )
     monkeypatch.setattr(uncertain_members, "MOST_MEMBERS", 100)
     many = {"mass": 0.1, "center_of_mass": 0.1, "tilt": 0.1}
     result = run("solve", stating(tmp_path, CUBOID, uncertainty=many))
@@ -506,7 +513,7 @@ def test_the_verdict_is_asked_at_the_corners(
     assert "Between the corners nothing is proven about rest." in words(result.stdout)
     monkeypatch.setattr(robust_answers, "CORNER_TIME", 0.0)
     late = run("solve", file, *ASKED)
-    assert late.exit_code == 0 and "2 corners more could not be asked about" in words(late.stdout)
+    assert late.exit_code == 0 and "2 corners more got no verdict within" in words(late.stdout)
     assert "at the corners" not in words(run("solve", file, *ASKED, "--no-verdict").stdout)
 
 
@@ -530,7 +537,7 @@ def test_torques_that_guarantee_rest_at_each_corner(tmp_path: Path) -> None:
     assert verify_document(read_document(target)).passed
     soft = run("solve", ball, *ASKED, "--controller", "0.2", "--stability", "strong")
     assert soft.exit_code == 3
-    assert "none were found of which rest is the only outcome" in words(soft.stdout)
+    assert "none were found with rest as the only outcome" in words(soft.stdout)
 
 
 def test_a_search_that_ends_at_a_limit_proves_nothing(tmp_path: Path) -> None:
@@ -539,7 +546,7 @@ def test_a_search_that_ends_at_a_limit_proves_nothing(tmp_path: Path) -> None:
     assert answer.robust.status is Status.NOT_FOUND_IN_LIMIT and np.isnan(answer.served_share)
     result = run("solve", file, "--algorithm", "torque", "--time-limit", "0", "--no-verdict")
     assert result.exit_code == 3 and "a node or time limit" in words(result.stdout)
-    assert "Whether torques serve all of it is open" in words(result.stdout)
+    assert "Whether torques serve the whole set is not decided" in words(result.stdout)
     assert "No torques" not in result.stdout  # no word that there are none
     limited = stating(tmp_path, file, solve={"algorithm": "torque", "time_limit": 1e-9})
     assert run("tolerances", limited).exit_code == 3
@@ -568,8 +575,8 @@ def test_what_affine_forces_do_not_prove_is_left_open(tmp_path: Path) -> None:
     file = stating(tmp_path, CUBOID, uncertainty={"mass": 0.2, "force_radius": 9.5})
     said = run("solve", file, *ASKED, "--no-verdict")
     assert said.exit_code == 3
-    assert "Whether torques serve all of it is open: none were proven to" in words(said.stdout)
-    assert "% of it is served" in words(said.stdout)
+    assert "Not decided: no torques are proven for the whole set." in words(said.stdout)
+    assert "% of the set is served" in words(said.stdout)
 
 
 def test_the_largest_torque_is_that_of_all_members(tmp_path: Path) -> None:

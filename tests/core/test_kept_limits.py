@@ -73,7 +73,7 @@ def test_a_load_that_limits_are_lost_in_is_a_refusal_with_its_own_words():
     solution = maximize_margin(problem)
     assert solution.status is Status.LOAD_TOO_LARGE
     finding = next(one for one in solution.findings if one.code is FindingCode.LOAD_TOO_LARGE)
-    words = "the load makes 1.2e+08 N m on joint 'joint_1', 2.4e+08 times its limit (0.5)"
+    words = "the load causes 1.2e+08 N m at joint 'joint_1', 2.4e+08 times its limit (0.5)"
     assert finding.message == words
     assert words in str(solution)
     assert FindingCode.NO_RESERVE not in {one.code for one in solution.findings}

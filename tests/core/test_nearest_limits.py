@@ -63,8 +63,8 @@ def test_a_contact_without_friction_is_lost_first():
     (limit, contacts), *_ = limiting_contacts(solution).items()
     assert (limit, contacts) == (ContactLimit.SLIP, [1])
     assert margin_limit_words(solution) == (
-        "The margin is limited by available friction at contact 1. Without friction, at contact 0, "
-        "it counts the normal force alone."
+        "The margin is limited by available friction at contact 1. At contact 0, without friction, "
+        "it counts only the normal force."
     )
 
 

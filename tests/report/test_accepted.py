@@ -100,7 +100,7 @@ def test_the_command_line_says_so(monkeypatch: pytest.MonkeyPatch, tmp_path: Pat
     file = tmp_path / "solution.json"
     said = run("solve", CUBOID, "--json", file)
     assert said.exit_code == 0
-    assert "that nothing is better was not proven" in said.stdout
+    assert "a better answer is not ruled out" in said.stdout
     assert "optimal over all" not in said.stdout
     assert "not-proven-optimal" in said.stderr
     assert '"status": "limit_reached"' in file.read_text()

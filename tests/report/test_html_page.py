@@ -259,7 +259,7 @@ def test_a_document_brings_its_scene(tmp_path):
 @TEXT_ALONE
 @pytest.mark.sampled(1)
 @pytest.mark.parametrize(
-    ("loops", "said"), [("yes", "yes"), ("no", "no: numpy did their work"), (None, None)]
+    ("loops", "said"), [("yes", "yes"), ("no", "no: numpy was used instead"), (None, None)]
 )
 def test_it_says_whether_compiled_loops_ran(loops, said):
     document = through_json(maximize_margin(pinched_block()))
@@ -320,7 +320,7 @@ def test_a_scene_changed_in_python_has_no_command():
     assert case_of_scene(scene, scene.solve(), SPHERE).command is not None
     # Its document cannot be drawn from the file either.
     again = case_of_document(through_json(case.solution, changed), changed.path)
-    assert "now leads to another problem" in again.missing
+    assert "no longer gives the problem of the document" in again.missing
 
 
 @TEXT_ALONE

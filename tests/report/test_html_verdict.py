@@ -53,7 +53,7 @@ def test_rest_that_is_proven():
     page = read_html(report_html(case_of_scene(scene, solution, None, verdict)))
     told = r"Holds: the object provably stays at rest \(\d+ LPs\); no small motion grows"
     assert re.fullmatch(told, status(page))
-    assert "That the object stays is proven all the same" in page.text
+    assert "That the object stays is proven nevertheless" in page.text
     assert "What can happen" not in page.text
     rows = {row[0]: row[1] for row in page.section("modes").rows()}
     assert "FAILED" not in rows.values()
@@ -78,7 +78,7 @@ def test_a_motion_that_may_happen(weak: Weak, weak_page: Element):
     np.testing.assert_allclose([float(row[3]) for row in rows], normal, atol=5.1e-5)
     # Where nobody asked, the page says so.
     page = read_html(report_html(case_of_document(through_json(solution))))
-    assert status(page).endswith("Whether the object stays was not asked.")
+    assert status(page).endswith("Whether the object stays was not computed.")
 
 
 def test_the_motion_of_the_page_is_that_of_the_verdict(weak: Weak, weak_page: Element):

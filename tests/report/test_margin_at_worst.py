@@ -15,7 +15,7 @@ ROOT = Path(__file__).resolve().parents[2]
 SMALL = "These torques do not enforce that margin: it may be as small as"
 RULE = "over all admissible contact forces."
 BEYOND = (
-    "over all admissible contact forces: a contact may be pressed so far beyond max_normal_force."
+    "over all admissible contact forces: a normal force may exceed max_normal_force by that much."
 )
 WEAK = 4.0  # N: a limit of normal forces that corners of the box may exceed
 
@@ -43,7 +43,7 @@ def answer(case: str) -> tuple[Scene, TorqueSolution]:
         (
             "corners",
             Status.LIMIT_REACHED,
-            f"{SMALL} # N (less is not ruled out), {RULE}",
+            f"{SMALL} # N (a smaller one is not ruled out), {RULE}",
         ),
         (
             "walls",
@@ -54,7 +54,7 @@ def answer(case: str) -> tuple[Scene, TorqueSolution]:
         (
             "corners",
             Status.NOT_FOUND_IN_LIMIT,
-            "Whether these torques enforce that margin was not found in time.",
+            "Whether these torques enforce that margin was not decided in time.",
         ),
     ],
 )

@@ -52,7 +52,7 @@ def test_names_are_their_letters(tmp_path, name):
 def test_without_force_ranges(tmp_path):
     assert run(SPHERE, "-o", tmp_path / "report.html", "--no-ranges").exit_code == 0
     page = read_html((tmp_path / "report.html").read_text(encoding="utf-8"))
-    assert page.section("ranges").text == "Force ranges No ranges: they were not asked for."
+    assert page.section("ranges").text == "Force ranges No ranges: they were not requested."
     assert len(page.section("friction").all("svg")) == 3
 
 
@@ -80,7 +80,7 @@ def test_how_far_each_may_be_off(tmp_path, monkeypatch):
     assert re.search(r"centre of mass [\d.]+ cm [\d.]+ cm \[", section.text)
     titles = [one.text for one in section.all("title")]
     assert len(titles) == 3 and titles[0].startswith("How far the centre of mass may be off")
-    assert "the level region in which it may lie" in page.section("scene").text
+    assert "the horizontal region in which it may lie" in page.section("scene").text
     monkeypatch.setattr("graspless_pin.cli.tolerances.ATTAINABLE_TIME", 0.1)
     assert run(ball, "-o", target, *options).exit_code == 0
     page = read_html(target.read_text(encoding="utf-8"))
@@ -168,7 +168,7 @@ def test_a_verdict_and_a_simulation(tmp_path):
     text = target.read_text(encoding="utf-8")
     assert "bodies in MuJoCo, joint feedback of 3 N m/rad." in text
     assert run(SPHERE, "-o", target, "--no-ranges", "--no-verdict").exit_code == 0
-    assert "was not asked" in target.read_text(encoding="utf-8")
+    assert "was not computed" in target.read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("option", ["--simulate", "--squeeze", "--tolerances"])

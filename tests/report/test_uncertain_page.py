@@ -74,8 +74,8 @@ def test_where_nothing_serves_the_set(tmp_path: Path) -> None:
     robust = scene.solve(uncertainty=Uncertainty(**SET))
     for number in robust.conflict:
         assert robust.members[number].words in section.text
-    assert "Not found for all that is not known exactly." in page.text
-    assert "of it is served: mass ±" in section.text
+    assert "Not found for the whole uncertain set." in page.text
+    assert "of the set is served: mass ±" in section.text
     assert len(page.section("contacts").rows()) == scene.problem().contact_count
     with pytest.raises(ValueError, match="not enough values"):
         page.section("why")

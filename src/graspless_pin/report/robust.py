@@ -64,7 +64,7 @@ def robust_sentences(answer: RobustAnswer) -> list[str]:
     ]
     samples = robust.samples
     if Coverage.CORNERS in (robust.coverage, samples and samples.where_meant):
-        lines.append("The corners need different modes of virtual sliding: between them nothing is proven.")
+        lines.append("Corners need different virtual slidings: between them nothing is proven.")
     if samples is not None:
         lines.append(f"Sampled, not proven: {samples}.")
     value, bound = robust.value, robust.bound
@@ -96,7 +96,7 @@ def _corner_sentences(judged: MemberVerdicts) -> list[str]:
     """Return sentences on the verdicts at the corners, the worst one, and the corners left out."""
     lines, holdings = [], [str(one.holding) for one in judged.verdicts]
     if holdings and set(holdings) == {str(Holding.HOLDS)}:
-        lines.append(f"At all {len(holdings)} corners of the set the object stays (holds).")
+        lines.append(f"At the corners of the set the object stays: holds at all {len(holdings)}.")
     elif holdings:
         tally = ", ".join(f"{word} at {holdings.count(word)}" for word in dict.fromkeys(holdings))
         worst = judged.members[judged.worst].words
@@ -136,7 +136,7 @@ def _no_torques_sentences(answer: RobustAnswer) -> list[str]:
     if answer.with_feedback is not None:
         lines.append(_feedback_sentence(answer.with_feedback))
     if not nominal.found:
-        return [*lines, f"No torques for the nominal scene either: {nominal.status.message}."]
+        return [*lines, f"For the nominal scene alone: {nominal.status.message}."]
     return [*lines, f"For the nominal scene alone: {_figures_text(nominal, answer)}."]
 
 
@@ -154,10 +154,7 @@ def _no_torques_reason(robust: RobustSolution) -> str:
             text += f" Rest is lost where {last}: {robust.rest.verdicts[-1].message}."
         return text
     if robust.status is Status.UNVERIFIED:
-        return (
-            "Whether torques serve the whole set is not decided: none were proven to. Make the set "
-            "smaller."
-        )
+        return "Not decided: no torques are proven for the whole set. Make the set smaller."
     return f"No torques for the whole set: {robust.status.message}."
 
 
@@ -170,7 +167,7 @@ def _feedback_sentence(robust: RobustSolution) -> str:
     return (
         f"Position feedback at the joints serves the set: max |torque| {robust.max_torque:.4g} "
         f"{robust.max_torque_unit}; with {STIFFNESS:g} N m/rad (controller: "
-        f"{STIFFNESS:g}) joints give way by up to {most:.2g} rad (m), with K times that by one Kth."
+        f"{STIFFNESS:g}) joints give way by up to {most:.2g} rad (m), with K times that by 1/K."
     )
 
 

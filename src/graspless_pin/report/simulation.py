@@ -91,7 +91,7 @@ def simulation_text(
     headline, _, runs = str(simulation).partition("\n\n")
     parts = [headline, runs]
     for link, support in simulation.model.left_out:
-        parts.append(f"note: link {link} stands in support {support}: the two do not meet")
+        parts.append(f"note: link {link} overlaps support {support}: they do not collide here")
     if not bounds.found:
         return "\n\n".join([*parts, f"no force ranges: {bounds.message}"])
     forces = body_forces(simulation, bodies, bounds)
@@ -111,9 +111,9 @@ def _unloaded_bodies_text(simulation: Simulation, forces: Sequence[BodyForce]) -
     for k, run in enumerate(simulation.runs):
         lost = [one.body for one in forces if one.lower > least and one.simulated[k] == 0.0]
         if lost:
-            verb = "bears" if len(lost) == 1 else "bear"
-            clauses.append(f"{', '.join(lost)} {verb} nothing ({run.contact_model.name} bodies)")
-    return f"; but in the end {'; '.join(clauses)}" if clauses else ""
+            verb = "carries" if len(lost) == 1 else "carry"
+            clauses.append(f"{', '.join(lost)} {verb} no force ({run.contact_model.name} bodies)")
+    return f"; but at the end {'; '.join(clauses)}" if clauses else ""
 
 
 def _force_table(
@@ -214,8 +214,8 @@ def time_lapse(scene: Scene, simulation: Simulation, text: str) -> dict[str, Any
             "lapse-view",
             "the simulation",
             replace(picture, meshes=(*still_meshes, *shown), marks=(*picture.marks, *marks)),
-            f"Shows hand and supports, and the object {scene.object.name} at each time.",
-            "numbers of the times",
+            f"Shows the hand, the supports, and the object {scene.object.name} at each time.",
+            "time numbers",
         ),
     }
 

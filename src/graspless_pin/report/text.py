@@ -56,7 +56,7 @@ def scene_solution_text(
     )
     parted = len(touching_of(scene)) - len(scene.contacts.arrays)
     if parted:
-        facts += f", {with_noun(parted, 'contact')} parted by the motion"
+        facts += f", {with_noun(parted, 'contact')} opened by the motion"
     if scene.loads:
         facts += f", {with_noun(len(scene.loads), 'load')}"
     if scene.acceleration is not None:
@@ -84,7 +84,7 @@ def _serious_findings_line(solution: TorqueSolution) -> str:
     if not counts:
         return ""
     codes = ", ".join(code if count == 1 else f"{code} ({count})" for code, count in counts.items())
-    warning = f"serious: {codes}: this may not be the answer to what was meant"
+    warning = f"serious: {codes}: this may be the answer to another problem than you meant"
     return f"{fill(warning, COLUMNS, break_on_hyphens=False)}\n"
 
 
@@ -107,7 +107,7 @@ def _smallest_margin_sentence(
 ) -> str:
     who = "Held joints" if held else "These torques"
     if not bounds.found:
-        return f"Whether {who.lower()} enforce that margin was not found in time."
+        return f"Whether {who.lower()} enforce that margin was not decided in time."
     if bounds.smallest_margin == -inf:
         return (
             f"{who} do not enforce any margin: contact forces are unbounded (jamming is possible)."
@@ -116,9 +116,9 @@ def _smallest_margin_sentence(
     if is_proven and bounds.smallest_margin >= solution.margin - _SAME_MARGIN * load:
         return f"{who} enforce that margin, {bounds.covers}."
     least = figure(bounds.smallest_margin, load)
-    unproven = "" if is_proven else " (less is not ruled out)"
+    unproven = "" if is_proven else " (a smaller one is not ruled out)"
     overload = (
-        ": a contact may be pressed so far beyond max_normal_force" if least.startswith("-") else ""
+        ": a normal force may exceed max_normal_force by that much" if least.startswith("-") else ""
     )
     return (
         f"{who} do not enforce that margin: it may be as small as {least} N{unproven}, "

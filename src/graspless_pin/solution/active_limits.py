@@ -105,7 +105,7 @@ def margin_limit_words(solution: TorqueSolution, bodies: Sequence[str] | None = 
     if not frictionless:
         return sentence
     where = _contact_list(frictionless, bodies)
-    return f"{sentence} Without friction, at {where}, it counts the normal force alone."
+    return f"{sentence} At {where}, without friction, it counts only the normal force."
 
 
 def _contact_list(contacts: Sequence[int], bodies: Sequence[str] | None) -> str:

@@ -78,8 +78,8 @@ class Status(Enum):
     OPTIMAL = "optimal over all feasible virtual-sliding modes"
     OPTIMAL_IN_MODE = "optimal in the given virtual-sliding mode"
     LIMIT_REACHED = (
-        "the best found; that nothing is better was not proven (a node or time limit, a program "
-        "that no solver answered, or a proof that does not close)"
+        "the best found; a better answer is not ruled out (a node or time limit, a program that no "
+        "solver answered, or a proof that leaves a gap)"
     )
     INFEASIBLE_FORCES = (
         "infeasible: no contact forces inside the cones, normal-force and torque limits balance "
@@ -90,15 +90,15 @@ class Status(Enum):
         "feasible virtual sliding"
     )
     INFEASIBLE_IN_MODE = "infeasible in the given virtual-sliding mode"
-    INFEASIBLE_MODE = "the given virtual-sliding mode has no virtual motion behind it"
+    INFEASIBLE_MODE = "the given virtual-sliding mode has no virtual motion: it is infeasible"
     NOT_FOUND_IN_LIMIT = "nothing found when a node or time limit ended the search"
     UNVERIFIED = "no solver gave an answer that passes the check"
     LOAD_TOO_LARGE = (
-        "the load is too large for the limits: what they leave to the joints is lost in the "
-        "rounding of the balance"
+        "the load is too large for the limits: beside such a load, double precision cannot resolve "
+        "them"
     )
     STRONG = "the best found of the torques that guarantee rest"
-    STRONG_NOT_FOUND = "no torques found that guarantee rest; that there are none is not proven"
+    STRONG_NOT_FOUND = "no torques found that guarantee rest; it is not proven that there are none"
     INFEASIBLE_STRONG = "infeasible: no torques guarantee rest"
 
     @property

@@ -260,8 +260,8 @@ def certificate_text(
             for value in proof.threshold_optima
         )
         lines.append(
-            "this answer hangs on what counts as a virtual motion (see docs/rules.md): with a "
-            f"tenth of the threshold it is {slow}, with ten times {fast}"
+            "this answer depends on the threshold of virtual motion (see docs/rules.md): with a "
+            f"tenth of the threshold it is {slow}, with ten times the threshold it is {fast}"
         )
     lines.append(
         f"search: {with_noun(proof.nodes, 'node')}, "

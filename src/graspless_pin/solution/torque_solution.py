@@ -70,32 +70,34 @@ def solution_doubts(
         yield Finding(
             FindingCode.NOT_OPTIMAL,
             "solution",
-            f"it is not proven that nothing is better: a better answer may exist (gap "
+            f"the answer is not proven to be optimal: a better one may exist (gap "
             f"{certificate.gap:.3g})",
-            "raise node_limit and time_limit if they were given, else ask another solver",
+            "raise node_limit and time_limit if they were given, else use another solver",
         )
     if certificate.threshold_optima is not None:
         yield Finding(
             FindingCode.THRESHOLD,
             "solution",
-            "this answer hangs on what counts as a virtual motion",
-            "look at the certificate's threshold_optima, and at tangents that are not exact",
+            "this answer depends on the threshold of virtual motion",
+            "compare the certificate's threshold_optima, and check that tangents are exact",
         )
     if status is Status.LOAD_TOO_LARGE:
         yield Finding(
             FindingCode.LOAD_TOO_LARGE,
             "solution",
             overload(problem),
-            "look at masses (kg), sizes (m) and gravity (m/s^2), or raise the limits",
+            "check masses (kg), sizes (m) and gravity (m/s^2), or raise the limits",
         )
     load = problem.scales.force
     if margin is not None and margin <= _NO_MARGIN * load:
         printed = figure(margin, load)
-        size = "zero" if printed == "0" else f"{printed} N, next to nothing beside {load:.3g} N"
+        size = (
+            "zero" if printed == "0" else f"{printed} N, negligible beside the load, {load:.3g} N"
+        )
         yield Finding(
             FindingCode.NO_RESERVE,
             "solution",
-            f"the largest margin is {size}: the least disturbance makes a contact slip or open",
+            f"the largest margin is {size}: any disturbance may make a contact slip or open",
             "raise torque limits or friction, or add a contact",
         )
 
@@ -104,20 +106,20 @@ def overload(problem: QuasistaticProblem) -> str:
     """Return a text on the limit that is smallest relative to the load, and on their ratio."""
     strict, (force, _, joints) = problem.strictness, problem.scales
     if strict is None:
-        return "the required margin is far beyond what the limits carry"
+        return "the required margin is far larger than the limits allow"
     joint = int(strict.torque.argmax()) if problem.joint_count else -1
     if joint < 0 or strict.torque[joint] < strict.normal.max():
         contact = int(strict.normal.argmax())
         limit = float(problem.max_normal_force[contact])
         return (
-            f"the load, {force:.3g} N, is {force / limit:.2g} times what contact {contact} bears "
-            f"({limit:g} N)"
+            f"the load, {force:.3g} N, is {force / limit:.2g} times the normal-force limit of "
+            f"contact {contact} ({limit:g} N)"
         )
     limits = problem.lower_torque[joint], problem.upper_torque[joint]
     limit, load = float(np.abs(limits).min()), float(joints[joint])
     times = f"{load / limit:.2g} times" if limit > 0.0 else "far beyond"
     return (
-        f"the load makes {load:.3g} {problem.joint_units[joint]} on joint "
+        f"the load causes {load:.3g} {problem.joint_units[joint]} at joint "
         f"'{problem.joint_names[joint]}', {times} its limit ({limit:g})"
     )
 
@@ -181,8 +183,8 @@ class TorqueSolution:
             TypeError: Always.
         """
         raise TypeError(
-            "a solution is neither true nor false: ask solution.found whether there are torques, "
-            "and scene.stability(solution.torques) whether the object stays"
+            "a solution has no truth value: solution.found says whether torques were found, and "
+            "scene.stability(solution.torques) whether the object stays"
         )
 
     @cached_property
@@ -251,7 +253,7 @@ class TorqueSolution:
                 optimum of one program.
         """
         if self.status is Status.STRONG:
-            raise NoSolutionError("Guaranteed torques are no optimum of a program of multipliers.")
+            raise NoSolutionError("Guaranteed torques (status STRONG) have no multipliers.")
         return self._read(self.evidence.in_mode)
 
     @property

@@ -97,7 +97,7 @@ def case_with_tolerances(case: Case, tolerances: Tolerances) -> Case:
         True
     """
     if case.scene is None:
-        raise ArgumentError("case", f"needs the scene. {case.missing}")
+        raise ArgumentError("case", f"must have its scene. {case.missing}")
     picture = draw_scene(case.scene, case.solution, tolerances=tolerances)
     origin = case.scene.object.center_of_mass_world
     sliding = draw_virtual_sliding(picture, case.solution, case.scene.hand, origin)
@@ -211,7 +211,7 @@ def _scene_or_reason(
             return "The document names no scene file."
         return f"The scene file was not given; the document names {name}."
     if file_sha256(path) != provenance.get("scene_sha256"):
-        return f"The scene file {path} is another one, or has changed since."
+        return f"The scene file {path} is not that of the document, or has changed since."
     try:
         scene = load_scene(path)
         problem = scene.problem()
@@ -219,7 +219,7 @@ def _scene_or_reason(
         return f"The scene file {path} cannot be loaded: {error}."
     if not same_problem(problem, solution.problem):
         return (
-            f"The scene file {path} now leads to another problem: a model that it names has "
-            "changed, or the scene was changed in Python."
+            f"The scene file {path} no longer gives the problem of the document: a model that it "
+            "names has changed, or the scene was changed in Python."
         )
     return scene

@@ -198,13 +198,13 @@ def _verdict_context(case: Case) -> dict[str, Any]:
     if case.motion is None:
         return context
     small = read_small_motion(case.document) if motion is None else None
-    shows = "the table says what contacts do" if small is None else "contacts neither slip nor open"
+    shows = "the table lists the contact states" if small is None else "no contact slips or opens"
     return context | {
         "motion_view": view_context(
             "motion-view",
             "the motion",
             case.motion.picture,
-            f"Shows the object and what touches it in this motion; {shows}.",
+            f"Shows the object and the bodies that touch it in this motion; {shows}.",
             "contact numbers",
             case.motion,
         ),
@@ -223,7 +223,7 @@ def _algorithm_and_aim(solution: TorqueSolution) -> tuple[str, str]:
     if solution.objective.name == AtTorques.name:
         return AtTorques.name, "largest margin"
     listed = OBJECTIVES.get(solution.objective.name)
-    return solution.objective.name, "an objective of its own" if listed is None else listed.aim
+    return solution.objective.name, "an objective of your own" if listed is None else listed.aim
 
 
 def _range_context(
@@ -234,7 +234,7 @@ def _range_context(
 ) -> dict[str, Any]:
     """Return the context of the force ranges of the solution's torques, or why there are none."""
     if bounds is None:
-        return {"bounds": None, "no_bounds": "they were not asked for."}
+        return {"bounds": None, "no_bounds": "they were not requested."}
     if not bounds.found:
         return {"bounds": None, "no_bounds": f"{bounds.message}."}
     ranges = range_rows(bounds, figure)

@@ -147,9 +147,8 @@ def torque_figure(solution: TorqueSolution) -> str:
     torque = float(solution.torques[top])
     largest = decimals(torque, torque_size(problem, solution.torques), "+")
     alt = (
-        f"Bars of {problem.joint_count} motor torques between the marks of their limits. The "
-        f"largest is {largest} at {problem.joint_names[top]}. The table has "
-        "every figure."
+        f"Bar chart of {problem.joint_count} motor torques with marks at their limits. The "
+        f"largest is {largest} at joint {problem.joint_names[top]}. The table lists all values."
     )
     size = (7.0, 0.9 + 0.24 * problem.joint_count)
     return _inline_svg("torques", alt, size, lambda ax: torque_bars(solution, ax))
@@ -166,8 +165,8 @@ def window_figures(window: SqueezeWindow) -> list[str]:
     return [
         _inline_svg(
             f"squeeze-{value}",
-            f"{name} over the squeeze, at {len(window.amounts)} amounts, of which {good} hold; the "
-            "window is shaded, and its ends say what fails there.",
+            f"{name} against the squeeze, at {len(window.amounts)} amounts, of which {good} hold. "
+            "The window is shaded, and labels at its ends say what fails there.",
             _WINDOW_SIZE,
             partial(squeeze_plot, window, value=value),
         )
@@ -180,9 +179,9 @@ def tolerance_figures(tolerances: Tolerances) -> list[str]:
     return [
         _inline_svg(
             f"off-{one.quantity.name.lower()}",
-            f"How far the {one.quantity} may be off by its direction across gravity: at least "
-            f"{one.quantity.scale * one.borne:.3g} {one.quantity.unit}. The table says which "
-            "way it fails first.",
+            f"How far the {one.quantity} may be off, by direction perpendicular to gravity: at "
+            f"least {one.quantity.scale * one.borne:.3g} {one.quantity.unit}. The table states the "
+            "direction in which it fails first.",
             _POLAR_SIZE,
             partial(tolerance_plot, tolerances, one.quantity),
             projection="polar",
@@ -266,8 +265,8 @@ def range_figure(bounds: ContactForceBounds, solution: TorqueSolution) -> str:
     """Return the ranges of the normal forces as SVG."""
     count = int(bounds.indeterminate[:, 0].sum())
     alt = (
-        f"Ranges of {len(bounds.lower)} normal forces with the solution's as dots; {count} of them "
-        "are not determined by the torques. The table has every figure."
+        f"Ranges of {len(bounds.lower)} normal forces, with dots at the solution's; the torques do "
+        f"not determine {count} of them. The table lists all values."
     )
     size = (7.0, 0.9 + 0.28 * len(bounds.lower))
     return _inline_svg("ranges", alt, size, lambda ax: normal_force_ranges(bounds, solution, ax))
@@ -337,7 +336,7 @@ def scene_in_words(picture: Picture) -> str:
     if counts[Role.NORMAL_FORCE]:
         parts.append("arrows of the contact forces on the object")
     if counts[Role.CENTER_OF_MASS]:
-        parts.append("the centre of mass and the level region in which it may lie")
+        parts.append("the centre of mass and the horizontal region in which it may lie")
     return "Shows " + ", ".join(parts) + "."
 
 

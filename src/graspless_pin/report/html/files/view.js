@@ -527,7 +527,7 @@ for (const root of document.querySelectorAll(".view")) (() => {
   async function main() {
     const gl = canvas.getContext("webgl2", { antialias: true });
     if (!gl || typeof DecompressionStream === "undefined") {
-      fail("This browser offers no WebGL 2, so the scene cannot be drawn here. The tables below have every figure.");
+      fail("This browser offers no WebGL 2, so the scene cannot be drawn here. The tables below list all values.");
       return;
     }
     await unpack();
