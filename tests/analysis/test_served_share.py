@@ -105,5 +105,5 @@ def test_the_time_for_the_share_is_told():
     answer = robust_answer(scene, "torque", share_time=0.0, margin=0.1, **COULOMB)
     assert (answer.served_share, answer.unserved_share) == (0.0, 1.0)
     said = " ".join(robust_sentences(answer))
-    assert "Whether more is, up to 100 %, was left open" in said
-    assert "No part of it" not in said
+    assert "Whether more is, up to 100 %, was not decided" in said
+    assert "No part of the set" not in said

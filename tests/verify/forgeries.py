@@ -154,7 +154,7 @@ def bases() -> list[str]:
 
 
 REFUSED = {
-    "far": {"multipliers of these forces", "duality gap as stated"},
+    "far": {"gap left by the multipliers", "duality gap as stated"},
     "unrest": {"torques J^T f + g as stated"},
 }
 """What fails already of documents that forgeries start from; of all others nothing does."""

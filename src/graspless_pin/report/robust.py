@@ -166,8 +166,8 @@ def _feedback_sentence(robust: RobustSolution) -> str:
     most = robust.largest_deflection
     return (
         f"Position feedback at the joints serves the set: max |torque| {robust.max_torque:.4g} "
-        f"{robust.max_torque_unit}; with {STIFFNESS:g} N m/rad (controller: "
-        f"{STIFFNESS:g}) joints give way by up to {most:.2g} rad (m), with K times that by 1/K."
+        f"{robust.max_torque_unit}; with {STIFFNESS:g} N m/rad (controller: {STIFFNESS:g}) joints "
+        f"give way by up to {most:.2g} rad (m). K times the stiffness divides that by K."
     )
 
 

@@ -399,7 +399,7 @@ class TorqueSolution:
     def _certificate_text(self) -> str:
         unit, size = "N", self.problem.scales.force
         if self.algorithm is None and not self.objective.of_margin:
-            unit, size = self.objective.unit_text or "of its own unit", 1.0
+            unit, size = self.objective.unit_text or "in its own unit", 1.0
         elif self.objective.by_limits:
             unit, size = "of the limit", 1.0
         elif self.algorithm is Algorithm.TORQUE:

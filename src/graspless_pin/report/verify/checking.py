@@ -253,7 +253,7 @@ class _Checker:
         ok &= ~selected | problem.candidates
         if problem.constrained:
             ok &= selected | ~problem.slides
-        detail = f"contacts that violate them: {np.flatnonzero(~ok).tolist()}"
+        detail = f"contacts that violate them: {np.flatnonzero(~ok).tolist() or 'none'}"
         return holds("signs obey the rules", ok.all(), detail)
 
     def _motion_check(self, selected: np.ndarray, signs: np.ndarray) -> Check:
@@ -333,7 +333,7 @@ class _Checker:
         shown = f"without a constraint: {', '.join(strays) or 'none'}"
         return [
             holds("each multiplier has a constraint", not strays, shown),
-            within("multipliers of these forces", own, limit, unit),
+            within("gap left by the multipliers", own, limit, unit),
             agrees("duality gap as stated", inner * problem.unit, own, limit, unit),
         ]
 

@@ -157,7 +157,9 @@ class _DirectionChecks:
         # The unbalanced load is linear in the magnitude: it grows from here on.
         residual = self.bodies.least_unbalanced_load(z, beyond * step)
         good = residual > max(tolerances.SHARE, self.bodies.least_unbalanced_load(z))
-        return holds(name, good, f"{shown}; {residual:.2g} loads are unbalanced at {beyond:.6g} N")
+        return holds(
+            name, good, f"{shown}; {residual:.2g} of the load unbalanced at {beyond:.6g} N"
+        )
 
     def _failing_checks(self) -> list[Check]:
         """Return the check that the object may or must move at a magnitude, if one is claimed."""
@@ -181,4 +183,4 @@ class _DirectionChecks:
 def _rest_check(forces: np.ndarray, own: RestLoad, where: str) -> Check:
     """Check that stated forces balance a load, relative to the load without disturbance."""
     amiss = own.rest_violation(own.local(forces))
-    return within(f"rest is an outcome, {where}", amiss, tolerances.SHARE, "loads")
+    return within(f"rest is an outcome, {where}", amiss, tolerances.SHARE, "of the load")

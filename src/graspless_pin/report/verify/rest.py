@@ -132,13 +132,10 @@ class _VerdictChecks:
         if self.status == "none":
             # Along some motion contact forces do work of one sign, and the load of the other.
             unbalanced = self.bodies.least_unbalanced_load(self.stated["no_rest"])
-            good, detail = (
-                unbalanced > tolerances.SHARE,
-                f"{unbalanced:.3g} loads cannot be balanced",
-            )
+            good, detail = unbalanced > tolerances.SHARE, f"{unbalanced:.3g} of the load unbalanced"
             return [*checks, holds("rest is no outcome", good, detail), *self._motion_checks()]
         amiss = self.bodies.rest_violation(self.bodies.local(self.stated["rest_forces"]))
-        checks.append(within("rest is an outcome", amiss, tolerances.SHARE, "loads"))
+        checks.append(within("rest is an outcome", amiss, tolerances.SHARE, "of the load"))
         if self.status == "strong":
             fine = self.resolution <= tolerances.COARSEST
             detail = f"{self.resolution:g}, at most {tolerances.COARSEST:g} for strong"
@@ -195,11 +192,11 @@ class _VerdictChecks:
         claimed, most = motion["point_acceleration"], tolerances.motion(self.resolution)
         checks = [
             given("states of the contacts in a motion", shorten(" ".join(motion["states"]), 60)),
-            within("a motion obeys the dynamics", residual, most, "loads"),
-            within("its forces are in the cones, and as commanded", wrong / F, most, "loads"),
-            within("it penetrates nothing", -float(u[:, 0].min()) / unit, most, "loads over mass"),
+            within("a motion obeys the dynamics", residual, most, "of the load"),
+            within("its forces are in the cones, and as commanded", wrong / F, most, "of the load"),
+            within("it penetrates nothing", -float(u[:, 0].min()) / unit, most, "of load/mass"),
             within("friction opposes its slip, and open contacts have no force", float(gaps.max()),
-                   most, "loads"),
+                   most, "of the load"),
             agrees("its largest acceleration", claimed, speed, most * unit, "m/s^2"),
         ]  # fmt: skip
         if self.status == "weak":

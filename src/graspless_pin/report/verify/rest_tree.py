@@ -399,7 +399,7 @@ def stated_loads(
     loads, checks = bodies.commanded, list[Check]()
     if dynamics is None:
         if proof["loads"]:
-            raise ValueError(f"loads of {proof.where} need inertias")
+            raise ValueError(f"loads of {proof.where} require inertias and a load")
         return loads, checks
     unit, states = dynamics.force_unit, KnownStates.all_free(bodies.problem.count)
     for contact, force, multipliers in _read_loads(proof.with_sizes(n=len(dynamics.load))):
@@ -431,7 +431,7 @@ def certificate_check(
     dynamics, size = bodies.dynamics, bodies.undisturbed.force
     if dynamics is None:
         worst = max(bodies.unbalanced_load(forces), beyond_cone.max() / size, pulling.max() / size)
-        return within(name, worst, tolerances.EXACT, "loads")
+        return within(name, worst, tolerances.EXACT, "of the load")
     rows, unit = dynamics.rows.astype(np.longdouble), dynamics.force_unit
     residual = np.einsum("lin,li->n", rows, forces / unit) + dynamics.load
     sizes = np.einsum("lin,li->n", np.abs(rows), np.abs(forces) / unit) + np.abs(dynamics.load)
