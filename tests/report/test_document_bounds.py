@@ -83,7 +83,7 @@ def test_numbers_whose_products_no_double_holds(document, value):
     for place in (document["contacts"][1]["force"], document["proof"]["motion"]["object"]):
         before, place[0] = place[0], value
         said = refused(document)
-        assert "its size must be at most 1e+60" in said
+        assert "its magnitude must be at most 1e+60" in said
         place[0] = before
     assert read_solution(document).found
 

@@ -118,7 +118,7 @@ WRONG = (
     ("a sign of contact 1 is -2; it must be a whole number, -1 to 1",
      ["contacts", 1, "signs"], [-2, 1]),
     ("format version is 1; it must be 2", ["format"], 1),
-    ("friction of contact 1 is 1e+61; it must be a number of size 1e+60 or less",
+    ("friction of contact 1 is 1e+61; it must be a number of magnitude 1e+60 or less",
      ["contacts", 1, "friction"], 1e61),
     ("required_margin is list; it must be a number", ["required_margin"], [0.1]),
     ("max_torque_unit is 'lbf'; it must be one of N m, N", ["max_torque_unit"], "lbf"),

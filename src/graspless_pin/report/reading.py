@@ -87,7 +87,7 @@ def check_bounds(document: dict[str, Any]) -> None:
         elif isinstance(item, int | float) and LARGEST_STATED < abs(item) < math.inf:
             raise ArgumentError(
                 "document",
-                f"{where[:100]}: has the number {item!r:.30}; its size must be at most "
+                f"{where[:100]}: has the number {item!r:.30}; its magnitude must be at most "
                 f"{LARGEST_STATED:g}",
             )
 

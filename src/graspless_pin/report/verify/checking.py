@@ -216,7 +216,7 @@ class _Checker:
         return [
             holds("found and status agree", found == (self.status in FOUND_STATES), self.status),
             holds("message and status agree", agree, message[:60]),
-            holds("the load is positive", good, f"{problem.force:.3g} N"),
+            holds("the force scale is positive", good, f"{problem.force:.3g} N"),
             agrees("force scale", force, problem.force, tolerances.SAME * problem.force, "N"),
             agrees("length scale", length, problem.length, tolerances.SAME * problem.length, "m"),
             self._reach_check(),

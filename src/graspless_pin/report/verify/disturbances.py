@@ -148,7 +148,7 @@ class _DirectionChecks:
         z = self.claim.maybe("no_rest")
         if z is None:
             is_end = possible >= largest
-            why = "the largest one searched" if is_end else "that no more can is not stated"
+            why = "the largest one searched" if is_end else "but larger ones are not ruled out"
             return Check(name, is_end or None, f"{shown}, {why}")
         step = np.concatenate([self.step, np.zeros(len(z) - len(self.step))])
         beyond = possible + tolerances.BEYOND * max(

@@ -375,7 +375,7 @@ class _GrowthProof:
         still[:, 1:] = problem.has_cone[:, None]
         still[hybrid[hybrid >= 0], 0] = False
         if self.bodies.rest_violation(self.forces) > tolerances.SHARE:
-            return "the forces do not balance the load at rest"
+            return "the forces violate the conditions of rest"
         still[self.forces[:, 0] <= tolerances.bearing_force(self.bodies.undisturbed)] = False
         columns = np.zeros(rows.shape[2], dtype=bool)
         columns[: self.passive] = True

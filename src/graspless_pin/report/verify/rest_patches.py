@@ -122,7 +122,7 @@ def _uncovered_half(cones: list[MotionCone], outer: MotionCone | None, count: in
     same = [np.array_equal(one.axes, outer.axes) for one in cones]
     faces = {(one.axis, one.sign) for one in cones}
     if len(cones) != 2 or count != 2 or not all(same) or faces != {(outer.axis, outer.sign)}:
-        return "its cone must be split into two parts along the same axes"
+        return "its cone must be split into two parts with the same axes, axis and sign"
     low, high = (np.array([getattr(one, end) for one in cones]) for end in ("low", "high"))
     covers = (low <= outer.low) & (high >= outer.high)
     for side in (0, 1):

@@ -275,7 +275,9 @@ class RestWalk:
             sides = np.array([largest_along(row, one) for row, one in pairs])
             tolerance = float(np.linalg.norm(np.maximum(sides[:2], sides[2:])))
         else:
-            raise NoProofError(f"contact {contact} is {known}, and cannot be proven {child.kind}")
+            raise NoProofError(
+                f"{count} multipliers cannot prove contact {contact} ({known}) to be {child.kind}"
+            )
         tolerance = max(tolerance, 0.0)
         if not np.isfinite(tolerance):
             raise NoProofError(f"the multipliers do not prove contact {contact} to be {child.kind}")

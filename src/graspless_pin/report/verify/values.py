@@ -31,7 +31,7 @@ def number(value: object, where: str) -> float:
     if abs(real) < _SMALLEST:
         return 0.0  # zero, or the rounding of it
     if not abs(real) <= LARGEST_READ:
-        raise _refusal(where, value, f"a number of size {LARGEST_READ:g} or less")
+        raise _refusal(where, value, f"a number of magnitude {LARGEST_READ:g} or less")
     return real
 
 
