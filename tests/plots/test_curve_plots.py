@@ -136,6 +136,7 @@ def test_a_window_of_squeeze_shows_its_ends_and_samples():
     assert [text.get_text() for text in axes.texts] == ["may slip", "limit"]
     ends = [np.asarray(end.get_xdata()).item(0) for end in axes.lines[3:]]
     assert ends == [-0.4, 0.7]
+    assert -1.0 < axes.get_xlim()[0] < -0.5, "the sample at -1 has no margin"
     end = WindowEnd(-1.0, np.ones(1), 2.0, EndReason.FINGER_MOVES, "fails: ...")
     widest = squeeze_plot(replace(window, lower=end))
     widest.figure.canvas.draw()

@@ -202,7 +202,10 @@ def squeeze_plot(window: SqueezeWindow, ax: Axes | None = None, *, value: str = 
             label="holds" if filled else "does not hold",
         )  # fmt: skip
     basis = "those of the internal forces" if window.of_internal_forces else "the given direction"
-    first, last = window.amounts[[0, -1]]
+    # Beyond the window samples may have no figures: the axis does not reach out for them.
+    ends = [end for end in (window.lower, window.upper) if end is not None]
+    shown = [*window.amounts[~np.isnan(values)], *(end.amount for end in ends)] or window.amounts
+    first, last = min(shown), max(shown)
     padding = _PADDING_BESIDE * (last - first)
     axes.set(
         xlabel=f"change of torques, in multiples of {basis}",
@@ -210,10 +213,9 @@ def squeeze_plot(window: SqueezeWindow, ax: Axes | None = None, *, value: str = 
         xlim=(first - padding, last + padding),
     )
     start_at_zero(axes, values)
-    if window.lower is not None and window.upper is not None:
-        axes.axvspan(window.lower.amount, window.upper.amount, color=blue, alpha=0.1, linewidth=0.0)
-        ends = zip((window.lower, window.upper), ("right", "left"), strict=True)
-        for end, side in ends:
+    if ends:
+        axes.axvspan(ends[0].amount, ends[1].amount, color=blue, alpha=0.1, linewidth=0.0)
+        for end, side in zip(ends, ("right", "left"), strict=True):
             axes.axvline(end.amount, color=blue, linestyle=":", linewidth=1.2)
             axes.annotate(
                 end.reason.value.replace("_", " "), (end.amount, 1.0),
