@@ -194,7 +194,7 @@ def test_a_size_that_no_hand_holds_is_no_success() -> None:
 def test_no_scene_is_replaced_unless_asked() -> None:
     Path("scene.yaml").write_text("mine")
     Path("scene.schema.json").write_text("mine, too")
-    assert_refused(run("new", "lever_100mm", "sphere:0.1"), "is there already")
+    assert_refused(run("new", "lever_100mm", "sphere:0.1"), "exists already")
     assert run("new", "lever_100mm", "sphere:0.1", "--overwrite").exit_code == 0
     assert load_scene("scene.yaml").object.name == "sphere"
     assert Path("scene.schema.json").read_text() == "mine, too"
@@ -266,7 +266,7 @@ def test_close_writes_the_closed_hand_and_tells_which_finger_misses() -> None:
     assert result.exit_code == 0
     assert "index: touches with link_3.0_tip" in result.stdout
     assert "link_3.0_tip" in load_scene("closed.yaml").contacts.arrays.bodies
-    assert_refused(run("close", "opened.yaml", "-o", "closed.yaml"), "is there already")
+    assert_refused(run("close", "opened.yaml", "-o", "closed.yaml"), "exists already")
     assert_refused(run("close", "opened.yaml", "-o", "o.yaml", "--finger", "pinky"), "pinky")
     Path("far.yaml").write_text(opened.replace("[0.1989, 0, 0.0628]", "[0.5, 0, 0.3]"))
     missed = run("close", "far.yaml", "-o", "missed.yaml", "--finger", "index")

@@ -54,7 +54,7 @@ def test_what_a_scene_reads_is_never_replaced(scene, name):
     before = Path(name).read_text()
     for options in ((), ("--overwrite",)):
         refused = run("simulate", scene, "--export", name, *options)
-        told = "is an input of this command and would be lost" if options else "is there already"
+        told = "is an input of this command and would be lost" if options else "exists already"
         assert_refused(refused, f"--export: {name} {told}")
     assert Path(name).read_text() == before
 
@@ -87,7 +87,7 @@ def test_own_files_are_replaced_and_others_are_not(scene, command):
     options = *QUICK[command], file
     for foreign in ('{"mine": 1}', "<!DOCTYPE html>\n<title>mine</title>", "<mujoco/>", ""):
         file.write_text(foreign)
-        assert_refused(run(command, scene, *options), f"{file} is there already and is not a ")
+        assert_refused(run(command, scene, *options), f"{file} exists already and is not a ")
         assert file.read_text() == foreign
     written = run(command, scene, *options, "--overwrite")
     assert written.exit_code in (0, 1), written.output
@@ -100,7 +100,7 @@ def test_a_solution_is_not_replaced_by_tolerances(scene):
     assert run("solve", scene, "--no-verdict", "--json", "a.json").exit_code == 0
     refused = run("tolerances", scene, "--json", "a.json")
     assert_refused(
-        refused, "--json: a.json is there already and is not a table of tolerances; choose"
+        refused, "--json: a.json exists already and is not a table of tolerances; choose"
     )
     assert "certificate" in json.loads(Path("a.json").read_text())
 
@@ -109,7 +109,7 @@ def test_pages_of_simulations_are_told_from_others(scene):
     page = Path("page.html")
     page.write_text("<!DOCTYPE html><title>mine</title>")
     refused = run("simulate", scene, "--save", page)
-    assert_refused(refused, "--save: page.html is there already and is not a page of graspless-pin")
+    assert_refused(refused, "--save: page.html exists already and is not a page of graspless-pin")
     for options in (("--overwrite",), ()):
         made = run("simulate", scene, "--seconds", "0.1", "--save", page, *options)
         assert made.exit_code in (0, 1), made.output

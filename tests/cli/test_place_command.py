@@ -32,7 +32,7 @@ def test_new_place_and_solve_are_three_commands() -> None:
     solved = run("solve", "placed.yaml", "--no-verdict")
     assert solved.exit_code == 0 and "touches nothing" not in solved.stderr
     # What is there is not replaced, which is said before anything is tried.
-    assert_refused(run(*place()), "placed.yaml is there already; choose another name")
+    assert_refused(run(*place()), "placed.yaml exists already; choose another name")
     wrong = run(*place("--overwrite", "--candidates", "9", "--verdict-nodes", "0", "--rank", "99"))
     assert wrong.exit_code == 2 and "--rank: is 99; " in wrong.stderr
 

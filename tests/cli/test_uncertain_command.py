@@ -63,7 +63,7 @@ def test_the_answer_is_the_torques_for_the_whole_set(
     assert f"max |torque| = {robust.max_torque:.6g} N m, proven for the whole set" in said
     alone = f"margin e = 0.1 N, max |torque| = {nominal.max_torque:.6g}"
     assert f"for the nominal scene alone {alone}" in said
-    assert f"Least room: {robust.members[robust.worst].words}." in said
+    assert f"Smallest margin at: {robust.members[robust.worst].words}." in said
     # The verdict on these torques is not one on each member.
     assert "The nominal scene under these torques: holds" in said
     assert f"graspless-pin tolerances {cuboid}" in said

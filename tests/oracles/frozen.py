@@ -93,7 +93,10 @@ def of_problem(
         known = [ranges.status.name == "OPTIMAL", *2 * ranges.proven.ravel().tolist()]
         values = [ranges.smallest_margin, *ranges.lower.ravel(), *ranges.upper.ravel()]
         ends = zip(values, known, strict=True)
-        told = [number(one) if proven else None for one, proven in ends]
+        worst, *told = [number(one) if proven else None for one, proven in ends]
+        # Versions find it among other forces, which balance to a share of the load.
+        of_load = SAME * max(1.0, problem.scales.force)
+        yield f"{name}: margin at worst", {"values": [worst], "loose": of_load}
         yield f"{name}: force ranges", {"values": told}
     if seed % 6 == 2 and not problem.is_sliding.any():
         moving = problem.with_changes(

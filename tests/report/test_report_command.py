@@ -178,7 +178,7 @@ def test_what_needs_the_scene_says_so_before_the_force_ranges(tmp_path, monkeypa
     file.write_text(json.dumps(through_json(maximize_margin(pinched_block()))), encoding="utf-8")
     result = run(file, "-o", tmp_path / "report.html", option)
     assert result.exit_code == 2
-    assert f"{option}: needs the scene. The document names no scene file." in result.stderr
+    assert f"{option}: needs the scene file. The document names no scene file." in result.stderr
 
 
 @pytest.mark.usefixtures("without_plots")

@@ -279,7 +279,7 @@ def test_paths_name_the_same_files_from_elsewhere(tmp_path: Path) -> None:
 def test_a_file_is_not_written_over_unasked(rest: Scene, tmp_path: Path) -> None:
     path = tmp_path / "x.yaml"
     path.write_text("mine", encoding="utf-8")
-    with pytest.raises(SceneError, match=r"x\.yaml: is there already; choose another name"):
+    with pytest.raises(SceneError, match=r"x\.yaml: exists already; choose another name"):
         rest.save(path)
     with pytest.raises(ArgumentError, match="overwrite: is 'no'; it must be True or False"):
         rest.save(path, overwrite="no")  # pyright: ignore[reportArgumentType]

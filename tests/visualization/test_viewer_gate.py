@@ -305,7 +305,7 @@ def test_it_saves_what_it_shows_under_a_free_name(viewer):
         assert saved.object.mass == 1.5
         shown = viewer.evaluation.solution
         assert shown is not None and saved.solve().margin == pytest.approx(shown.margin)
-        with pytest.raises(SceneError, match="is there already"):
+        with pytest.raises(SceneError, match="exists already"):
             viewer.save(folder / "scene_1.yaml")
         send(page, update(control(viewer, "steps")._impl.uuid, "As loaded"))
         settled(viewer)

@@ -70,7 +70,7 @@ class Samples(Brief):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class RestAtCorners(Brief):
-    """Result of a search for torques of which rest is the only outcome at each corner.
+    """Result of a search for torques under which rest is the only outcome at each corner.
 
     Between the corners nothing is proven about rest. See the example of `Scene.solve`.
 
@@ -289,7 +289,9 @@ class RobustSolution(Brief):
                 lines.append(f"farthest came torques that lose rest where {last}:")
                 lines.append(f"  {self.rest.verdicts[-1].message}")
             if self.status is Status.UNVERIFIED:
-                lines.append("forces affine in what is unknown do not serve it; others may")
+                lines.append(
+                    "no forces affine in the unknown quantities were found; others may exist"
+                )
             if len(self.conflict) == 1:
                 lines.append("this member alone cannot be served:")
             elif self.conflict:
@@ -324,6 +326,6 @@ class RobustSolution(Brief):
         return (
             f"margin {self.margin:.6g} N, max |torque| {self.max_torque:.6g} "
             f"{self.max_torque_unit}, proven for {self.proven_for}{policy}\n{sampled}"
-            f"least room where: {self.members[self.worst].words}\n\n"
+            f"smallest margin at: {self.members[self.worst].words}\n\n"
             f"{tabulate(rows, headers=headers, disable_numparse=True)}"
         )

@@ -122,7 +122,7 @@ def check_output(
         kind_note = f" and is not a {kind.value[0]}" if kind.value[0] else ""
         raise ArgumentError(
             option,
-            f"{file} is there already{kind_note}; choose another name, or replace it (--overwrite)",
+            f"{file} exists already{kind_note}; choose another name, or replace it (--overwrite)",
         )
     if (files := _FILES.get()) is not None:
         files.outputs.append((option, path, kind, identity_of(state)))

@@ -240,5 +240,5 @@ def _scene_for_option(case: Case, option: str) -> Scene | None:
         echo_note(f"{option} is left out: no torques were found")
         return None
     if case.scene is None:
-        raise ArgumentError(option, f"needs the scene. {case.missing}")
+        raise ArgumentError(option, f"needs the scene file. {case.missing}")
     return case.scene

@@ -292,7 +292,7 @@ class StabilityVerdict:
             TypeError: Always.
         """
         raise TypeError(
-            "a verdict is neither true nor false: compare verdict.status, with Stability.STRONG "
+            "a verdict has no truth value; compare verdict.status, with Stability.STRONG "
             "where the object has to stay"
         )
 

@@ -76,7 +76,7 @@ def robust_sentences(answer: RobustAnswer) -> list[str]:
             f"No torques for all {of_which} are better than {bound:.4g} "
             f"{_objective_unit(answer)} (proven)."
         )
-    lines.append(f"Least room: {robust.members[robust.worst].words}.")
+    lines.append(f"Smallest margin at: {robust.members[robust.worst].words}.")
     if robust.rest is not None:
         lines.append(
             f"Rest is the only outcome at each of {len(robust.rest.corners)} corners "

@@ -200,7 +200,7 @@ class MountEntry(Entry):
     )
     root_link: Name | None = Field(
         default=None,
-        description="link to mount with all that hangs on it, such as the palm of a whole robot; "
+        description="link to mount with all links below it, such as the palm of a whole robot; "
         "default: the robot file's, else the root",
     )
     base_pose: PoseEntry = Field(

@@ -54,7 +54,7 @@ def write_scene_file(target: Path, make: Callable[[Path], str], *, overwrite: bo
     if target.suffix.lower() not in (".yaml", ".yml"):
         raise SceneError(f"{target}: a scene file ends in .yaml or .yml; choose such a name")
     if os.path.lexists(target) and not overwrite:
-        raise SceneError(f"{target}: is there already; choose another name, or give overwrite=True")
+        raise SceneError(f"{target}: exists already; choose another name, or give overwrite=True")
     with _write_errors_for(target):
         make_folder_of(target)  # paths in the text are relative to it
     text = make(target)

@@ -197,7 +197,7 @@ class SolveEntry(Entry):
         default=1e-4, ge=1e-6, description="[1] relative gap of sign_rule: direction"
     )
     stability: Literal["weak", "strong"] = Field(
-        default="weak", description="strong: torques of which rest is the only outcome"
+        default="weak", description="strong: torques under which rest is the only outcome"
     )
     verdict_nodes: NodeLimit = Field(
         default=NODE_LIMIT, description="sets of outcomes that each verdict may look at"
@@ -228,7 +228,7 @@ Shares = Share | ByName[Share]
 
 
 class UncertaintyEntry(Entry):
-    """What is not known exactly, each by itself: `solve` finds torques that serve all of it.
+    """What is not known exactly, each by itself: `solve` finds torques for the whole set.
 
     The stiffness that adds to torques is that of the controller.
     """

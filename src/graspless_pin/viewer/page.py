@@ -308,7 +308,7 @@ class Viewer:
             path: The file; None: beside the scene's own, or here, under a name that is free.
 
         Raises:
-            SceneError: The file is there already or cannot be written.
+            SceneError: The file exists already or cannot be written.
         """
         shown = self._shown
         if path is not None:

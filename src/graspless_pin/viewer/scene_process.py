@@ -198,11 +198,11 @@ def _solve_and_draw(scene: Scene, settings: Settings) -> SettingsAnswer:
 
 
 def _served_set_text(robust: RobustSolution) -> str:
-    """Return what the robust torques are proven for, and the member with the least room."""
+    """Return what the robust torques are proven for, and the member with the smallest margin."""
     sampled = "" if robust.samples is None else f"; sampled: {robust.samples}"
     return (
         f"torques for {robust.uncertainty}, proven for {robust.proven_for}{sampled}; smallest "
-        f"margin where: {robust.members[robust.worst].words}"
+        f"margin at: {robust.members[robust.worst].words}"
     )
 
 
