@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import warnings
 from itertools import product
 from pathlib import Path
@@ -19,6 +20,7 @@ from graspless_pin.interfaces.mujoco import scene_from_mjcf, scene_to_mjcf
 from graspless_pin.problem import ControlMode
 from graspless_pin.scene import Load
 from graspless_pin.simulation.protocol import load_mujoco
+from graspless_pin.simulation.scene_document import CUSTOM_TEXT
 
 mujoco = load_mujoco()
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -399,6 +401,13 @@ def mujoco_center(model: Any, body: int) -> np.ndarray:
     return np.array(data.xipos[body])
 
 
+@pytest.mark.parametrize("data", ["[1]", "5", "null", "{"])
+def test_a_custom_text_that_is_no_object_is_refused(data: str) -> None:
+    custom = f'</worldbody><custom><text name="{CUSTOM_TEXT}" data="{data}"/></custom>'
+    with pytest.raises(SceneError, match=f"custom text '{CUSTOM_TEXT}' is not (a )?JSON"):
+        scene_from_mjcf(model_of(PINCHED.replace("</worldbody>", custom)))
+
+
 def test_object_keyframe_and_hand_are_chosen_by_name() -> None:
     text = PINCHED.replace(
         "</worldbody>",
@@ -414,6 +423,14 @@ def test_object_keyframe_and_hand_are_chosen_by_name() -> None:
         scene_from_mjcf(model, keyframe="apart")
     with pytest.raises(ArgumentError, match=r"unknown keyframe 'apat'.*apart"):
         scene_from_mjcf(model, keyframe="apat")
+    wrong: Any
+    for wrong in (0.5, True, [0], -1, 2):
+        with pytest.raises(ArgumentError, match=re.escape(f"keyframe: is {wrong!r}; it must be")):
+            scene_from_mjcf(model, keyframe=wrong)
+    with pytest.raises(ArgumentError, match=r"keyframe: is 0, but the model has no keyframes"):
+        scene_from_mjcf(model_of(PINCHED), keyframe=0)
+    with pytest.raises(ArgumentError, match=r"data: is 5; it must be the model's MjData"):
+        scene_from_mjcf(model, data=5)
     with pytest.raises(ArgumentError, match=r"unknown body 'bal'.*ball"):
         scene_from_mjcf(model, keyframe=0, object_body="bal")
     with pytest.raises(SceneError, match="'left' is moved by motors"):

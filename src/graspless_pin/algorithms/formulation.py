@@ -125,6 +125,8 @@ class Formulation:
     ) -> tuple[FloatArray, FloatArray]:
         """Return bounds of the variables where friction opposes virtual sliding, (27) and (31).
 
+        Sliding against t1 allows friction along t1, so ``minus`` leaves the upper bound.
+
         Args:
             minus: (c, 2) whether a contact with a cone may slide against t1, t2.
             plus: (c, 2) whether it may slide along t1, t2.

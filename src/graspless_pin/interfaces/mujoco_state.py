@@ -16,7 +16,7 @@ from graspless_pin.errors import ArgumentError, SceneError
 from graspless_pin.findings import Finding, FindingCode, emit
 from graspless_pin.geometry.hand.mjcf import motor_joints, robot_bodies, tree_roots
 from graspless_pin.geometry.hand.mjcf_source import MjcfSource, mj_pose, read_mjcf, source_of_model
-from graspless_pin.problem.checks import FloatArray, unknown_name
+from graspless_pin.problem.checks import FloatArray, unknown_name, whole_number
 from graspless_pin.simulation.scene_document import CUSTOM_TEXT
 from graspless_pin.suggestions import first_of, names_in_words
 
@@ -114,6 +114,8 @@ class ModelState:
         if data is not None:
             if keyframe is not None:
                 raise ArgumentError("keyframe", "is given beside data; give one of them")
+            if not isinstance(data, type(self.data)):
+                raise ArgumentError("data", f"is {data!r:.80}; it must be the model's MjData")
             if data.qpos.shape != self.data.qpos.shape or len(data.xpos) != model.nbody:
                 raise ArgumentError(
                     "data", f"has {len(data.qpos)} coordinates and the model {model.nq}; give "
@@ -136,9 +138,10 @@ class ModelState:
             if keyframe not in names:
                 raise unknown_name("keyframe", "keyframe", keyframe, names)
             keyframe = names.index(keyframe)
-        if not 0 <= keyframe < count:
-            raise ArgumentError("keyframe", f"needs a number from 0 to {count - 1}, got {keyframe}")
-        self._mujoco.mj_resetDataKeyframe(model, self.data, keyframe)
+        if not count:
+            raise ArgumentError("keyframe", f"is {keyframe!r:.80}, but the model has no keyframes")
+        number = whole_number("keyframe", keyframe, 0, count - 1)
+        self._mujoco.mj_resetDataKeyframe(model, self.data, number)
 
     def _read_custom_text(self) -> dict[str, Any]:
         """Return the fields that `scene_to_mjcf` has written to the custom text."""
@@ -151,10 +154,14 @@ class ModelState:
         try:
             fields = json.loads(text)
         except ValueError as error:
+            fields, fault = None, f"is not JSON ({error})"
+        else:
+            fault = "is not a JSON object with keys"
+        if not isinstance(fields, dict):
             raise SceneError(
-                f"{self.source.path}: the custom text {CUSTOM_TEXT!r} is no JSON ({error}); "
-                "remove it, or write the file again"
-            ) from error
+                f"{self.source.path}: the custom text {CUSTOM_TEXT!r} {fault}; remove it, or write "
+                "the file again"
+            )
         return fields
 
     def _hand_bodies(self, hand_body: str | None) -> tuple[int | None, NDArray[np.bool_]]:
