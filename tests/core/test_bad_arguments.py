@@ -296,7 +296,7 @@ def test_an_infeasible_solution_says_why_it_has_nothing():
 def test_solutions_and_verdicts_have_no_truth_value():
     found = maximize_margin(scene("rest"))
     for solution in (found, minimize_torque(scene("rest"), margin=20.0)):
-        with pytest.raises(TypeError, match=r"ask solution\.found"):
+        with pytest.raises(TypeError, match=r"solution\.found says whether"):
             bool(solution)
     verdict = stability(found.problem, found.torques)
     with pytest.raises(TypeError, match=r"compare verdict\.status"):

@@ -43,7 +43,7 @@ def answer(case: str) -> tuple[Scene, TorqueSolution]:
         (
             "corners",
             Status.LIMIT_REACHED,
-            f"{SMALL} # N (a smaller one is not ruled out), {RULE}",
+            f"{SMALL} # N (less is not ruled out), {RULE}",
         ),
         (
             "walls",

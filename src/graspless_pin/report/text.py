@@ -116,7 +116,7 @@ def _smallest_margin_sentence(
     if is_proven and bounds.smallest_margin >= solution.margin - _SAME_MARGIN * load:
         return f"{who} enforce that margin, {bounds.covers}."
     least = figure(bounds.smallest_margin, load)
-    unproven = "" if is_proven else " (a smaller one is not ruled out)"
+    unproven = "" if is_proven else " (less is not ruled out)"
     overload = (
         ": a normal force may exceed max_normal_force by that much" if least.startswith("-") else ""
     )
