@@ -17,6 +17,7 @@ from graspless_pin.geometry.contact.distances import (
     point_body,
 )
 from graspless_pin.geometry.hand.model import Hand
+from graspless_pin.geometry.hand.work_space import Kinematics
 from graspless_pin.geometry.poses import unit_vector
 from graspless_pin.geometry.posing.finger_joints import (
     chosen_fingers,
@@ -186,32 +187,29 @@ class _FingertipCenters:
 
     def __init__(self, hand: Hand, fingers: Sequence[str]) -> None:
         self._tree = hand.tree
-        self._shapes = [
-            [(item, np.append(bounded_set(item).center, 1.0)) for item in tip_shapes(hand, name)]
-            for name in fingers
-        ]
+        shapes = [tip_shapes(hand, name) for name in fingers]
+        counts = [len(own) for own in shapes]
+        flat = [item for own in shapes for item in own]
+        self._joints = [item.joint for item in flat]
+        self._own_centers = np.array(
+            [item.T_joint_geometry @ [*bounded_set(item).center, 1.0] for item in flat]
+        )
+        self._shares = np.repeat(np.eye(len(fingers)) / counts, counts, axis=1)
         self._first_joints = [
             1 + min(hand.tree.joint_index[joint] for joint in hand.fingers[name].joints)
             for name in fingers
         ]
-        thickness = [
-            max(bounded_set(item).half_extents.min() for item, _ in own) for own in self._shapes
-        ]
+        thickness = [max(bounded_set(item).half_extents.min() for item in own) for own in shapes]
         self._pairs = np.triu_indices(len(fingers), 1)
         self._least_gaps = np.array(thickness)[np.array(self._pairs)].sum(axis=0)
 
     def centers_at(self, independent: FloatArray) -> FloatArray:
         """Return the (F, 3) centres of the fingertips, m."""
-        T = self._joint_poses(independent)
-        middles = [
-            np.mean([T[item.joint] @ item.T_joint_geometry @ own for item, own in shapes], axis=0)
-            for shapes in self._shapes
-        ]
-        return np.array(middles)[:, :3]
+        return self._centers(self._kinematics(independent))
 
     def palm(self, independent: FloatArray) -> FloatArray:
         """Return the (3,) mean position of the fingers' first joints, m."""
-        return self._joint_poses(independent)[self._first_joints, :3, 3].mean(axis=0)
+        return self._kinematics(independent).T_world_joint[self._first_joints, :3, 3].mean(axis=0)
 
     def meeting_residuals(self, independent: FloatArray) -> FloatArray:
         """Return the tips' offsets from their mean position, and their weighted overlaps, m."""
@@ -220,8 +218,30 @@ class _FingertipCenters:
         overlaps = _OVERLAP_WEIGHT * np.maximum(self._least_gaps - gaps, 0.0)
         return np.concatenate([(points - points.mean(axis=0)).ravel(), overlaps])
 
-    def _joint_poses(self, independent: FloatArray) -> FloatArray:
-        return self._tree.kinematics(self._tree.coupling.all_positions(independent)).T_world_joint
+    def meeting_rates(self, independent: FloatArray) -> FloatArray:
+        """Return the derivatives of `meeting_residuals` by the (a,) positions."""
+        kinematics = self._kinematics(independent)
+        points, ends = self._centers(kinematics), self._shape_centers(kinematics)
+        rates = self._tree.point_jacobians(kinematics.J, self._joints, ends)
+        rates = np.tensordot(self._shares, rates @ self._tree.coupling.S, axes=1)
+        apart, apart_rates = (
+            item[self._pairs[0]] - item[self._pairs[1]] for item in (points, rates)
+        )
+        gaps = np.linalg.norm(apart, axis=1)
+        ways = apart * np.where(gaps < self._least_gaps, -_OVERLAP_WEIGHT, 0.0)[:, None]
+        ways /= np.maximum(gaps, _SAME_PLACE)[:, None]
+        offsets = (rates - rates.mean(axis=0)).reshape(points.size, -1)
+        return np.concatenate([offsets, (ways[:, None] @ apart_rates)[:, 0]])
+
+    def _centers(self, kinematics: Kinematics) -> FloatArray:
+        return self._shares @ self._shape_centers(kinematics)
+
+    def _shape_centers(self, kinematics: Kinematics) -> FloatArray:
+        poses = kinematics.T_world_joint[self._joints, :3]
+        return (poses @ self._own_centers[:, :, None])[:, :, 0]
+
+    def _kinematics(self, independent: FloatArray) -> Kinematics:
+        return self._tree.kinematics(self._tree.coupling.all_positions(independent))
 
 
 def _meeting_posture(
@@ -321,15 +341,26 @@ def _meeting_positions(
     )
     start = straight + rng.random() * (drawn - straight)  # fingers far from straight may cross
 
-    def residuals(values: FloatArray) -> FloatArray:
+    def at(values: FloatArray) -> FloatArray:
         positions = closed.copy()
         positions[moving] = values
-        return np.concatenate(
-            [tips.meeting_residuals(positions), _START_WEIGHT * (values - start) / half]
-        )
+        return positions
 
-    bounds = lower[moving], upper[moving]
-    closed[moving] = least_squares(residuals, start, bounds=bounds, max_nfev=_MOST_EVALUATIONS).x
+    def residuals(values: FloatArray) -> FloatArray:
+        back = _START_WEIGHT * (values - start) / half
+        return np.concatenate([tips.meeting_residuals(at(values)), back])
+
+    def rates(values: FloatArray) -> FloatArray:
+        back = np.diag(_START_WEIGHT / half)
+        return np.concatenate([tips.meeting_rates(at(values))[:, moving], back])
+
+    closed[moving] = least_squares(
+        residuals,
+        start,
+        jac=rates,  # pyright: ignore[reportArgumentType] - a function will do
+        bounds=(lower[moving], upper[moving]),
+        max_nfev=_MOST_EVALUATIONS,
+    ).x
     return closed
 
 
