@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import defaultdict, deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -11,7 +12,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.spatial.transform import Rotation
 
 from graspless_pin.errors import ArgumentError, GrasplessPinError, optional_import
 from graspless_pin.geometry import ManipulatedObject
@@ -86,7 +86,10 @@ class World:
         names = [self.model.geom(index).name for index in range(self.model.ngeom)]
         self._others = [model.links.get(name) for name in names]
         self._joints = np.array([self.model.joint(name).id for name in model.joints], dtype=int)
-        self._rates, self._gains = model.joint_rates, self.model.jnt_stiffness.copy()
+        self._rates = model.joint_rates
+        self._held = held = self._joints[self._rates.any(axis=1)]
+        slides = self.model.jnt_type[held] == self._mujoco.mjtJoint.mjJNT_SLIDE
+        self._gains, self._gain_shares = self.model.jnt_stiffness[held], gain_shares(slides)
         self.data.qpos[self._joints] = self.model.qpos_spring[self._joints] = model.closing
         self._loads, self._R0 = model.loads, model.object.T_world_object[:3, :3]
         self._push, self._share = np.zeros(3), 0.0
@@ -133,9 +136,7 @@ class World:
 
     def _set_holding_gain(self, gain: float) -> None:
         """Add position feedback, N m/rad, to the controller's; not at hybrid fingers."""
-        held = self._joints[self._rates.any(axis=1)]
-        slides = self.model.jnt_type[held] == self._mujoco.mjtJoint.mjJNT_SLIDE
-        self.model.jnt_stiffness[held] = self._gains[held] + gain * gain_shares(slides)
+        self.model.jnt_stiffness[self._held] = self._gains + gain * self._gain_shares
 
     def displace(self, motion: FloatArray) -> None:
         """Move object and joints by a small motion (6 + L,) in the problem's coordinates."""
@@ -180,15 +181,15 @@ class World:
 
     def object_pose(self) -> FloatArray:
         """(4, 4) pose of the object, m."""
-        position, quaternion = self.data.qpos[-7:-4], self.data.qpos[-4:]
-        return np.array(pose_matrix(position, np.roll(quaternion, -1)))
+        position, quaternion = self.data.qpos[-7:-4], self.data.qpos[[-3, -2, -1, -4]]
+        return np.array(pose_matrix(position, quaternion))
 
     def normal_forces(self) -> dict[str, float]:
         """Return the normal force on the object by hand link and support, N."""
         forces: dict[str, float] = defaultdict(float)
         force = np.zeros(6)
-        for index, contact in enumerate(self.data.contact):
-            bodies = [body for geom in contact.geom.tolist() if (body := self._others[geom])]
+        for index, pair in enumerate(self.data.contact.geom.tolist()):
+            bodies = [body for geom in pair if (body := self._others[geom])]
             if len(bodies) == 1:  # two where the hand touches a support
                 self._mujoco.mj_contactForce(self.model, self.data, index, force)
                 forces[bodies[0]] += float(force[0])
@@ -463,8 +464,10 @@ def change_of_pose(
     """Return the distance, m, and angle, rad, between poses (4, 4); ``T0`` None: the object's."""
     T0 = manipulated.T_world_object if T0 is None else T0
     shift = transformed(T, manipulated.center_of_mass) - transformed(T0, manipulated.center_of_mass)
-    turn = Rotation.from_matrix(T[:3, :3] @ T0[:3, :3].T)
-    return float(np.linalg.norm(shift)), float(turn.magnitude())
+    R = (T[:3, :3] @ T0[:3, :3].T).tolist()
+    sine = math.hypot(R[2][1] - R[1][2], R[0][2] - R[2][0], R[1][0] - R[0][1])
+    angle = math.atan2(sine, R[0][0] + R[1][1] + R[2][2] - 1.0)
+    return math.hypot(*shift.tolist()), angle
 
 
 def _comes_to_rest(manipulated: ManipulatedObject, poses: Sequence[FloatArray]) -> bool:
