@@ -5,14 +5,16 @@ import sys
 import numpy as np
 import pytest
 from holding_scenes import holding_scenes
+from scipy.spatial.transform import Rotation
 from tests.scene.scene_tools import EXAMPLES, PAPER
 
 from graspless_pin import load_scene
 from graspless_pin.errors import ArgumentError, GrasplessPinError
 from graspless_pin.geometry import Box, HalfSpace, ManipulatedObject, Support
-from graspless_pin.geometry.poses import pose_matrix
+from graspless_pin.geometry.poses import pose_matrix, turned_about
 from graspless_pin.scene import Scene
 from graspless_pin.simulation import SimulatedOutcome, simulate
+from graspless_pin.simulation.protocol import change_of_pose
 
 BALL = EXAMPLES / "allegro_sphere_on_slope.yaml"
 TILT = 0.35
@@ -28,6 +30,14 @@ def block(friction: float) -> Scene:
 
 def outcomes(found):
     return [run.outcome for run in found.runs]
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-9, 0.5, 2.0, np.pi - 1e-6])
+def test_a_change_of_pose_is_the_way_of_the_centre_and_the_angle(angle):
+    body, turn = block(0.5).object, angle * np.array([2.0, -1.0, 2.0]) / 3.0
+    T0 = pose_matrix((0.1, 0.2, 0.3), (0.4, -0.5, 0.6))
+    T = turned_about(T0[:3, 3], Rotation.from_rotvec(turn).as_matrix(), [0.0, 0.03, 0.04]) @ T0
+    assert change_of_pose(body, T, T0) == pytest.approx((0.05, angle), rel=1e-6, abs=1e-12)
 
 
 def test_a_block_holds_above_its_critical_friction_and_slips_below():
