@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -311,21 +312,27 @@ def test_minimum_friction_goes_by_directions():
 
 
 PROBLEM = random_problem(0, 3)
-FOUND = maximize_margin(PROBLEM, sign_rule="direction", direction_gap=1e-2)
+
+
+@cache
+def found():
+    return maximize_margin(PROBLEM, sign_rule="direction", direction_gap=1e-2)
+
+
 REFUSED = {
     "contact_force_bounds": lambda: contact_force_bounds(
-        PROBLEM, FOUND.torques, sign_rule="direction"
+        PROBLEM, found().torques, sign_rule="direction"
     ),
     "disturbance_margin": lambda: disturbance_margin(PROBLEM, sign_rule="direction"),
     "margin_torque_curve": lambda: margin_torque_curve(PROBLEM, sign_rule="direction"),
     "enumerate_modes": lambda: enumerate_modes(PROBLEM, sign_rule="direction"),
-    "a gradient": lambda: optimum_gradients(FOUND),
-    "the proof": lambda: FOUND.proof,
+    "a gradient": lambda: optimum_gradients(found()),
+    "the proof": lambda: found().proof,
     "search='enumerate'": lambda: maximize_margin(
         PROBLEM, sign_rule="direction", search="enumerate"
     ),
-    "the argument mode": lambda: maximize_margin(PROBLEM, sign_rule="direction", mode=FOUND.mode),
-    "the objective": lambda: optimize(PROBLEM, HeldMargin(FOUND.torques), sign_rule="direction"),
+    "the argument mode": lambda: maximize_margin(PROBLEM, sign_rule="direction", mode=found().mode),
+    "the objective": lambda: optimize(PROBLEM, HeldMargin(found().torques), sign_rule="direction"),
     "a regularisation": lambda: maximize_margin(
         PROBLEM, sign_rule="direction", regularization=1e-3
     ),

@@ -50,7 +50,8 @@ def test_names_are_their_letters(tmp_path, name):
 
 
 def test_without_force_ranges(tmp_path):
-    assert run(SPHERE, "-o", tmp_path / "report.html", "--no-ranges").exit_code == 0
+    options = ("--no-ranges", "--no-verdict")
+    assert run(SPHERE, "-o", tmp_path / "report.html", *options).exit_code == 0
     page = read_html((tmp_path / "report.html").read_text(encoding="utf-8"))
     assert page.section("ranges").text == "Force ranges No ranges: they were not requested."
     assert len(page.section("friction").all("svg")) == 3
@@ -58,7 +59,7 @@ def test_without_force_ranges(tmp_path):
 
 def test_how_hard_the_hand_may_squeeze(tmp_path):
     target = tmp_path / "report.html"
-    assert run(SPHERE, "-o", target, "--no-ranges", "--squeeze").exit_code == 0
+    assert run(SPHERE, "-o", target, "--no-ranges", "--no-verdict", "--squeeze").exit_code == 0
     page = read_html(target.read_text(encoding="utf-8"))
     section = page.section("squeeze")
     assert "#squeeze" in [one.attributes.get("href") for one in page.all("a")]
@@ -82,6 +83,7 @@ def test_how_far_each_may_be_off(tmp_path, monkeypatch):
     assert len(titles) == 3 and titles[0].startswith("How far the centre of mass may be off")
     assert "the horizontal region in which it may lie" in page.section("scene").text
     monkeypatch.setattr("graspless_pin.cli.tolerances.ATTAINABLE_TIME", 0.1)
+    monkeypatch.setattr("graspless_pin.report.html.sections._inline_svg", lambda *_, **__: "")
     assert run(ball, "-o", target, *options).exit_code == 0
     page = read_html(target.read_text(encoding="utf-8"))
     assert "with constant torques" in page.section("off").text
@@ -153,6 +155,7 @@ def test_a_folder_that_cannot_be_made(tmp_path):
     assert "cannot be written" in result.stderr
 
 
+@pytest.mark.usefixtures("without_plots")
 @pytest.mark.usefixtures("without_plots")
 def test_a_verdict_and_a_simulation(tmp_path):
     target = tmp_path / "report.html"
