@@ -14,6 +14,7 @@ SCENE = Path(__file__).resolve().parents[2] / "examples" / "allegro_box_on_slope
 @pytest.mark.parametrize("thicker", [1.0, 100.0], ids=["apart", "overlapping"])
 def test_rates_of_what_is_left_to_meet_are_its_differences(thicker):
     hand = load_scene(SCENE).hand
+    assert hand is not None
     tips = _FingertipCenters(hand, tuple(hand.fingers))
     tips._least_gaps *= thicker
     there = hand.tree.coupling.independent(hand.positions) + 0.1

@@ -36,7 +36,10 @@ def outcomes(found):
 def test_a_change_of_pose_is_the_way_of_the_centre_and_the_angle(angle):
     body, turn = block(0.5).object, angle * np.array([2.0, -1.0, 2.0]) / 3.0
     T0 = pose_matrix((0.1, 0.2, 0.3), (0.4, -0.5, 0.6))
-    T = turned_about(T0[:3, 3], Rotation.from_rotvec(turn).as_matrix(), [0.0, 0.03, 0.04]) @ T0
+    T = (
+        turned_about(T0[:3, 3], Rotation.from_rotvec(turn).as_matrix(), np.array([0.0, 0.03, 0.04]))
+        @ T0
+    )
     assert change_of_pose(body, T, T0) == pytest.approx((0.05, angle), rel=1e-6, abs=1e-12)
 
 
