@@ -344,7 +344,7 @@ class ChildProcesses:
             if was_idle:
                 return self.take(function, child)
             self._discard(child)
-            raise CrashError(f"the worker processes do not start ({error})") from None
+            raise CrashError(f"the worker processes cannot start ({error})") from None
         return child
 
     def give_back(self, child: ChildProcess) -> None:

@@ -330,7 +330,7 @@ def test_what_balls_do_not_go_with():
         Uncertainty(force_radius=-1.0)
     with pytest.raises(ArgumentError, match="center_of_mass_radius"):
         Uncertainty(center_of_mass_radius=np.nan)
-    with pytest.raises(ArgumentError, match="boxes in place of balls"):
+    with pytest.raises(ArgumentError, match="boxes instead of balls"):
         uncertainty_gradients(solved(problem, unknown))
 
 

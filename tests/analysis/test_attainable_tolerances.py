@@ -215,4 +215,4 @@ def test_time_that_is_over_leaves_it_open():
     (one,) = off.attainable
     assert not one.in_time and one.failing == np.inf
     assert one.borne == off.of("friction").borne
-    assert "left open by time" in str(off)
+    assert "not decided in time" in str(off)

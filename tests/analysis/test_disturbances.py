@@ -55,7 +55,7 @@ def test_the_worst_direction_is_reported():
     found = disturbance_margin(resting(), directions=directions, characteristic_length=0.2)
     assert found.found and found.worst == 1
     np.testing.assert_allclose(found.worst_wrench, [-2.5, 2.5, 0, 0, 0, 0], atol=1e-5)
-    assert str(found).startswith("smallest of 4 balanced disturbances: 3.536 N")
+    assert str(found).startswith("smallest disturbance margin of 4 directions: 3.536 N")
 
 
 def test_default_directions_cover_forces_and_moments():

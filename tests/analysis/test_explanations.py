@@ -52,10 +52,10 @@ MARGIN, HELP = "the required margin", "an extra external wrench"
 FRICTION, NORMAL = "all friction coefficients", "every normal-force limit"
 CASES = {
     "margin": (lambda: minimize_torque(scene("rest"), 20.0), [MARGIN, FRICTION]),
-    "one joint": (lambda: maximize_margin(pushed()), ["joint_1's limit", HELP, FRICTION]),
+    "one joint": (lambda: maximize_margin(pushed()), ["joint_1's torque limit", HELP, FRICTION]),
     "one side of it": (
         lambda: maximize_margin(pushed(torque_limits=(-0.3, 0.2))),
-        ["joint_1's upper limit", HELP, FRICTION],
+        ["joint_1's upper torque limit", HELP, FRICTION],
     ),
     "normal forces": (
         lambda: maximize_margin(scene("rest").with_changes(max_normal_force=1.0)),
@@ -118,7 +118,7 @@ def test_a_limit_that_has_no_side_keeps_none():
     (upper,) = suggestion.problem.upper_torque
     assert upper == pytest.approx(0.6, rel=2e-5)
     assert suggestion.problem.lower_torque == -upper
-    assert suggestion.text == f"joint_1's limit would have to be {upper:g} N m"
+    assert suggestion.text == f"joint_1's torque limit would have to be {upper:g} N m"
 
 
 def test_limits_of_an_explanation_hold():
@@ -133,7 +133,7 @@ def test_limits_of_an_explanation_hold():
     assert at_once.suggestions == () and not at_once.complete
     assert str(at_once) == (
         f"{at_once.cause}\n"
-        "Not every search for changes came to its end: others may do, too, or smaller ones."
+        "A limit ended the search for changes: others, or smaller ones, may be enough, too."
     )
     assert "No single change" not in at_once.cause
     begin = time.process_time()
@@ -148,7 +148,7 @@ def test_limits_of_an_explanation_hold():
 def test_an_explanation_without_limits_comes_to_its_end():
     make, _ = CASES["one joint"]
     explanation = explain(make())
-    assert explanation.complete and "came to its end" not in str(explanation)
+    assert explanation.complete and "A limit ended" not in str(explanation)
     same = explain(make(), node_limit=1000, time_limit=60.0)
     assert same.complete and str(same) == str(explanation)
 
@@ -156,7 +156,7 @@ def test_an_explanation_without_limits_comes_to_its_end():
 def test_what_is_printed_has_limits_of_its_own(monkeypatch):
     monkeypatch.setattr(explanation_module, "_BRIEF_SECONDS", 0.0)
     printed = str(minimize_torque(scene("rest"), 20.0))
-    assert "Not every search for changes came to its end" in printed
+    assert "A limit ended the search for changes" in printed
     assert "would have to be" not in printed
 
 
@@ -248,11 +248,11 @@ def test_where_nothing_pushes_there_must_be_no_friction():
     """Nothing holds against the least friction, so none may be there, and a person says so."""
     free = pushed(torque_limits=(0.0, 0.0), external_wrench=[0, 0, -10, 0, 0, 0])
     suggestion = of_friction(explain(maximize_margin(free)))
-    assert suggestion.text == "the contacts would have to be without friction"
+    assert suggestion.text == "all friction coefficients would have to be 0"
     assert (suggestion.problem.friction == 0.0).all()
     assert maximize_margin(suggestion.problem).found
     text = str(explain(maximize_margin(free)))
-    assert "- the contacts would have to be without friction" in text
+    assert "- all friction coefficients would have to be 0" in text
     assert "0 times as large" not in text
 
 

@@ -85,9 +85,9 @@ def test_no_time_at_all():
     assert_inside(bounds, complete)
     text = str(bounds)
     assert text.count(" *\n") + text.count(" * ") == bounds.proven.size
-    assert "* reached; no proof" in text
+    assert "* found; it is not proven" in text
     assert "N or less to" in text and "between" not in text
-    assert "* reached" in bounds._repr_html_()
+    assert "* found" in bounds._repr_html_()
 
 
 def test_no_time_to_hold_the_torques(torques):

@@ -219,7 +219,7 @@ def test_who_may_squeeze_with_any_force_is_said_in_words():
     every = contact_force_bounds(problem, [], static_friction="coulomb")
     assert every.covers == "over all forces of rest (round cones)"
     assert every.squeeze_words() == (
-        "the supports may squeeze the object with any force: contacts 0 and 1"
+        "the supports may squeeze the object with unbounded force: contacts 0 and 1"
     )
     assert every.squeeze_words(["left", "right", "floor"]).startswith("left and right may squeeze")
     assert every.squeeze_words() in str(every)

@@ -73,7 +73,7 @@ def test_an_object_that_rolls_away_is_served_by_feedback_alone():
     found = minimize_torque(problem, 0.1, static_friction="coulomb", uncertainty=CORNERS)
     assert not found.found
     assert len(found.conflict) == 2
-    assert "cannot be served together" in str(found)
+    assert "no torques are feasible for all of these members:" in str(found)
     assert served_share(problem, Torque(0.1), CORNERS, static_friction="coulomb") == 0.0
     held = minimize_torque(
         problem, 0.1, static_friction="coulomb", uncertainty=CORNERS, feedback=1.0
@@ -273,7 +273,7 @@ def test_what_an_answer_says():
     assert "feedback=" in str(refused)
     weak = Uncertainty(effort=0.99)
     alone = minimize_torque(problem, 0.1, static_friction="coulomb", uncertainty=weak)
-    assert "this member alone cannot be served:\n  effort limits -99 %" in str(alone)
+    assert "this member alone is infeasible:\n  effort limits -99 %" in str(alone)
     cuboid = contacts_alone("paper/cuboid_at_rest")
     found = minimize_torque(cuboid, 0.1, static_friction="coulomb", uncertainty=CORNERS)
     assert list(found.torques_by_joint.values()) == found.torques.tolist()

@@ -95,5 +95,5 @@ def test_what_has_no_gradients():
     with pytest.raises(NoSolutionError):
         uncertainty_gradients(none)
     bare = RobustSolution(none.solution, none.coverage, none.bound, none.members, none.joint_names)
-    with pytest.raises(ArgumentError, match="which set"):
+    with pytest.raises(ArgumentError, match="does not state its uncertainty"):
         uncertainty_gradients(bare)

@@ -285,8 +285,8 @@ def test_figures_that_joints_give_way_far_for_are_told_to_be_rough():
         )
         for k in (1.0, 1e4)
     )
-    assert soft.remark and str(soft).endswith("less may be borne")
-    assert not stiff.remark and "may be borne" not in str(stiff)
+    assert soft.remark and str(soft).endswith("less may be tolerated")
+    assert not stiff.remark and "may be tolerated" not in str(stiff)
 
 
 @pytest.mark.parametrize("lacking", [1e-13, 0.3])

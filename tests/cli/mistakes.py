@@ -190,8 +190,7 @@ MISTAKES = [
     _command("misspelt solver", "solve scene.yaml --solver pipq",
              "'pipq' is unknown or not installed", "did you mean 'piqp'?"),
     _command("margin asked of Algorithm 1", "solve scene.yaml --margin 0.1",
-             "error: --margin: is no option of the algorithm 'margin'",
-             "ask for algorithm 'torque'"),
+             "error: --margin: has no effect with algorithm 'margin'", "use algorithm 'torque'"),
     # Python
     _python("object changed by its mass alone", "scene.with_changes(object={'mass': 2})",
             "object: found {'mass': 2}; needs a ManipulatedObject",

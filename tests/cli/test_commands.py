@@ -88,7 +88,7 @@ def test_exit_code_1_says_why_and_writes_the_document(tmp_path):
     file = tmp_path / "solution.json"
     result = solve_text(tmp_path, HEAVY, "--json", file)
     assert result.exit_code == 1 and result.stderr == ""
-    assert "not found: infeasible\n\nNo contact forces inside the cones" in result.stdout
+    assert "not found: infeasible\n\nNo contact forces inside the friction cones" in result.stdout
     assert json.loads(file.read_text())["found"] is False
 
 
@@ -153,7 +153,7 @@ def test_wrong_usage_is_exit_code_2(arguments):
         (("--solver", "gurobi2"), "error: --solver: 'gurobi2' is unknown or not installed"),
         (
             ("--scale", "limits"),
-            "error: --scale: is no option of the algorithm 'margin' and would change",
+            "error: --scale: has no effect with algorithm 'margin'; use",
         ),
     ],
 )
@@ -222,7 +222,7 @@ def test_friction_by_directions(tmp_path):
         line = result.stdout.splitlines()[-1]
         assert line == f"rule of directions, round cones: inner value {value}, outer {value} N"
     refused = run("solve", SPHERE, "--sign-rule", "direction", "--json", "-")
-    assert_refused(refused, "--sign-rule: is 'direction', but a document needs the signs of a mode")
+    assert_refused(refused, "--sign-rule: is 'direction', but a document requires modes with signs")
     refused = run("solve", SPHERE, "--sign-rule", "direction", "--direction-gap", "1e-9")
     assert_refused(refused, "--direction-gap: is 1e-09; it must be a finite number >= 1e-06")
 
@@ -388,7 +388,7 @@ def test_commands_that_need_torques_take_the_figures_of_algorithms():
     for command in ("tolerances", "robustness", "simulate"):
         useless = told(command, "--algorithm", "margin", "--margin", "0.4")
         assert useless.exit_code == 2
-        assert "--margin: is no option of the algorithm" in useless.stderr
+        assert "--margin: has no effect with algorithm" in useless.stderr
 
 
 @pytest.mark.usefixtures("without_plots")

@@ -107,7 +107,7 @@ def test_bad_options_are_refused_before_anything_is_solved(options, message, tmp
 
 def test_a_motion_and_a_missing_file_are_refused():
     moving = run("simulate", PAPER / "cuboid_sliding_up.yaml")
-    assert_refused(moving, "cuboid_sliding_up.yaml: motion: declares a motion")
+    assert_refused(moving, "cuboid_sliding_up.yaml: motion: is not supported by the simulation")
     assert_refused(run("simulate", "nowhere.yaml"), "nowhere.yaml")
 
 
@@ -138,11 +138,11 @@ def test_the_model_is_written(tmp_path):
 
 @pytest.mark.parametrize(
     ("encoder", "why"),
-    [(None, "no encoder is found"), ("/bin/false", "MuJoCo cannot draw here")],
+    [(None, "no encoder was found"), ("/bin/false", "rendering or encoding failed")],
 )
 def test_without_an_encoder_that_works_there_is_no_video(tmp_path, monkeypatch, encoder, why):
     monkeypatch.setattr(video, "_encoder", lambda: encoder)
     result = run("simulate", CUBOID, "--save", tmp_path / "cuboid.mp4", *BRIEFLY)
     assert result.exit_code == 0
     assert list(tmp_path.iterdir()) == []
-    assert f"warning: there is no video: {why}" in result.stderr
+    assert f"warning: no video was written: {why}" in result.stderr

@@ -334,13 +334,15 @@ def test_no_verdict_is_claimed():
     strong = maximize_margin(problem, static_friction="coulomb", stability="strong")
     assert strong.status is Status.STRONG_NOT_FOUND
     for analysis in (guaranteed_disturbance, robustness, what_would_hold):
-        with pytest.raises(ArgumentError, match="needs Coulomb's law"):
+        with pytest.raises(ArgumentError, match="requires Coulomb's law"):
             analysis(problem, torques)
 
 
 def test_the_rule_of_directions_is_refused_and_left_out():
     problem = scene(1, "uneven")
-    with pytest.raises(ArgumentError, match="sign_rule: 'direction' is about Coulomb's law"):
+    with pytest.raises(
+        ArgumentError, match="sign_rule: is 'direction', which requires Coulomb's law"
+    ):
         maximize_margin(problem, sign_rule="direction")
     assert not any(rules.by_direction for rules in compare_rules(problem).solutions)
 

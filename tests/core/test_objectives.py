@@ -223,7 +223,7 @@ def test_a_box_that_hides_an_optimum_is_refused(share):
     problem = problems()[1]
     least = optimize(problem, LargestShare(1e3)).value
     assert optimize(problem, LargestShare(1e4)).value == pytest.approx(least, rel=1e-6)
-    with pytest.raises(ArgumentError, match=r"^box: .*'largest' has \S+ there, its box 0 to"):
+    with pytest.raises(ArgumentError, match=r"^box: .*'largest' is \S+, its box 0 to"):
         optimize(problem, LargestShare(share * least))
 
 

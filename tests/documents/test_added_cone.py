@@ -174,12 +174,12 @@ def test_the_schema_and_messages_know_it(package, tmp_path):
     assert "did you mean 'ribbed'?" in result.stderr
     file = scene_of(tmp_path, "cuboid_at_rest.yaml")
     direction = command(package, "solve", str(file), "--sign-rule", "direction")
-    assert "'direction' is about Coulomb's law" in direction.stderr
+    assert "is 'direction', which requires Coulomb's law" in direction.stderr
     robust = command(package, "robustness", str(file))
     assert robust.returncode == 1
-    assert "needs Coulomb's law" in robust.stdout
+    assert "requires Coulomb's law" in robust.stdout
     simulated = command(package, "simulate", str(file))
-    assert "cone: is 'ribbed', and the simulation has Coulomb's law" in simulated.stderr
+    assert "cone: is 'ribbed', but the simulation requires Coulomb's law" in simulated.stderr
 
 
 def test_the_evaluator_and_studies_solve_it_as_it_is(package):

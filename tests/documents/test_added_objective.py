@@ -171,8 +171,8 @@ def test_the_command_line_asks_for_it(package, expected, tmp_path):
     [
         (("--algorithm", "total_torque", "--evenness", "-1"), "error: --evenness: is -1"),
         (("--algorithm", "total_torque", "--scale", "limits"),
-         "scale: is no option of the algorithm 'total_torque' and would change nothing here"),
-        (("--margin", "0.1"), "ask for algorithm 'torque' or 'total_torque', or leave it out"),
+         "scale: has no effect with algorithm 'total_torque'"),
+        (("--margin", "0.1"), "use algorithm 'torque' or 'total_torque', or leave it out"),
         (("--algorithm", "total"), "'total' is not one of 'margin', 'torque', 'total_torque'"),
     ],
 )  # fmt: skip
@@ -234,7 +234,7 @@ def test_a_study_computes_it_and_varies_its_figure(package, tmp_path):
     study["compute"]["scale"] = "limits"
     file.write_text(yaml.safe_dump(study))
     refused = command(package, "study", str(file), "-o", str(output))
-    assert "compute.scale: is no option of the algorithm 'total_torque'" in refused.stderr
+    assert "compute.scale: has no effect with algorithm 'total_torque'" in refused.stderr
 
 
 def test_the_report_names_it_and_how_to_ask_for_it(package, scenes, tmp_path):

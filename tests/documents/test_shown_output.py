@@ -52,7 +52,7 @@ def test_another_output(shown):
 def test_signs_of_a_mode_may_differ_at_the_end_of_a_line():
     assert difference("0 tip 0.5 sticking -+", "0 tip 0.5 sticking ++") == ""
     assert difference("0 tip 0.5 sticking -+", "0 tip 0.5 sliding ..")
-    said = "holds (15 LPs); 30 sets of outcomes looked at; try 300 (about 5 s)"
-    other = "holds (17 LPs); 28 sets of outcomes looked at; try 300 (about 2 min)"
+    said = "holds (15 LPs); 30 sets of outcomes examined; try 300 (about 5 s)"
+    other = "holds (17 LPs); 28 sets of outcomes examined; try 300 (about 2 min)"
     assert difference(said, other) == ""
     assert difference(said, other.replace("300", "200"))

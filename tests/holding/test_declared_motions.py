@@ -142,7 +142,7 @@ def test_the_contacts_that_resist_are_named() -> None:
     problem = pushed_block()
     said = stability(problem, [0.5 * GRAVITY], node_limit=3)
     assert said.status is Stability.UNDECIDED
-    assert "3 sets of outcomes looked at" in said.message
+    assert "3 sets of outcomes examined" in said.message
     assert "what resists: contact" in said.message
     bare = problem.with_changes(object_inertia=None, joint_inertia=None)
     assert "object_inertia" in stability(bare, [0.5 * GRAVITY]).message

@@ -55,8 +55,9 @@ def test_an_idle_finger_with_another_torque_moves_by_itself(torque: float) -> No
     assert "slipping" not in said.motion.states
     left = f"{abs(torque - WEIGHT):.2g} N m"
     assert str(said) == (
-        f"fails: joint 'idle' moves by itself: torques do not balance weight, {left} are left over "
-        "at joint 'idle'; the object stays in this outcome, which is not proven to be the only one"
+        f"fails: joint 'idle' moves by itself: torques do not balance weight, {left} are "
+        "unbalanced at joint 'idle'; the object stays in this outcome, which is not proven to be "
+        "the only one"
     )
 
 

@@ -65,7 +65,9 @@ def test_less_feedback_costs_margin(ball: Scene) -> None:
     none = ball.with_changes(controller="torque").solve("margin", stability="strong")
     assert none.status is Status.STRONG_NOT_FOUND
     assert "with constant torques the object rolls" in none.explanation
-    assert none.explanation.endswith("- try the feedback that it names, or another grip")
+    assert none.explanation.endswith(
+        "- use the joint feedback that the verdict states, or another grip"
+    )
 
 
 def test_the_controller_that_is_not_stated_asks_for_the_first_instant_alone(ball: Scene) -> None:
@@ -194,7 +196,7 @@ def test_an_answer_says_that_held_joints_need_not_have_its_torques(ball: Scene) 
         )
         for stiffness in ("torque", "position")
     }
-    remark = "Joints hold their positions, with whatever torques that takes: those below balance "
+    remark = "Joints hold their positions with whatever torques this requires. The torques below "
     assert remark in said["position"] and remark not in said["torque"]
     assert "Held joints enforce that margin, " in said["position"]
     assert "These torques enforce that margin, " in said["torque"]

@@ -362,7 +362,7 @@ def test_what_cannot_be_taken_over_is_named() -> None:
     codes = {one.code for one in found}
     assert codes == {FindingCode.LEFT_OUT_OF_MJCF, FindingCode.NO_MOTORS}
     [graver] = [one for one in found if one.severity is Severity.SERIOUS]
-    assert graver.subject == "hand" and "no torque counts" in graver.message
+    assert graver.subject == "hand" and "no joint torques" in graver.message
     assert scene.findings[0] == graver and "hand_body" in graver.advice
     assert {one.subject for one in found} == {"drawer", "geom_7", "sticky", "glue", "hand"}
     assert any("ellipsoid" in one.message for one in found)
@@ -461,7 +461,7 @@ def test_objects_that_are_not_rigid_or_of_no_known_shape_are_refused() -> None:
 
 
 def test_the_text_of_an_mjcf_is_not_taken_for_its_path() -> None:
-    with pytest.raises(ArgumentError, match=r"source: is MJCF itself.*MjSpec.from_string"):
+    with pytest.raises(ArgumentError, match=r"source: is the text of an MJCF.*MjSpec.from_string"):
         scene_from_mjcf(TWO_GEOMS)
 
 

@@ -264,5 +264,5 @@ def test_an_object_that_moves_with_a_link():
 def test_states_of_some_joints_need_a_function():
     evaluator = Evaluator(load_scene("examples/panda_carry_bar.yaml"), attached_to="panda_hand")
     setup = geometric.SimpleSetup(joint_space(evaluator, evaluator.joint_names[:2]))
-    with pytest.raises(ArgumentError, match="2 values and the evaluator 7 joints"):
+    with pytest.raises(ArgumentError, match="2 values, but the evaluator has 7 joints"):
         attach_evaluator(setup, evaluator)

@@ -240,8 +240,8 @@ def test_bad_input_is_an_error(arguments, message):
     [
         ({"algorithm": "both"}, "algorithm: is 'both'"),
         ({"margin": -1.0}, "^margin: is -1.0"),
-        ({"scale": "limits"}, "^scale: is no option of the algorithm 'margin'"),
-        ({"margn": 0.2}, "^margn: is no option; did you mean 'margin'"),
+        ({"scale": "limits"}, "^scale: has no effect with algorithm 'margin'"),
+        ({"margn": 0.2}, "^margn: is not an option; did you mean 'margin'"),
         ({"scale": "big", "algorithm": "torque"}, "scale: is 'big'"),
         ({"sign_rule": "any"}, "sign_rule: is 'any'"),
         ({"regularization": -1.0}, "regularization: is -1.0"),

@@ -167,7 +167,7 @@ def test_changes_of_contacts_are_marked():
     assert change.waypoint == 1
     assert change.stops_sliding == ("table",) * 4
     assert (change.gained, change.lost, change.starts_sliding) == ((), (), ())
-    assert "ceases to slide on table x 4" in str(profile)
+    assert "stops sliding on table x 4" in str(profile)
     # A waypoint without torques is part of the profile.
     profile = evaluate_path(scene, path)
     assert not profile.found
@@ -192,7 +192,7 @@ def test_changes_of_contacts_are_marked():
         ([Waypoint(), Waypoint(T_world_object=np.zeros((4, 4)))], r"waypoints\[1\].T_world_object"),
         ([Waypoint(q={"thumb": 1.0})], r"waypoints\[0\].q: unknown joint 'thumb'"),
         ([Waypoint(), Waypoint(q=[0.1])], r"waypoints\[1\].q: has shape \(1,\)"),
-        (Waypoint(), "waypoints: needs a list of them"),
+        (Waypoint(), "waypoints: must be a list of waypoints"),
     ],
 )
 def test_bad_paths(path, message):

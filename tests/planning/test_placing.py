@@ -356,7 +356,7 @@ def test_the_palm_comes_from_where_and_goes_for_what_it_is_told(scene: Scene) ->
 @pytest.mark.parametrize(
     ("mass", "options", "fault", "advice"),
     [
-        (0.3, {"approach": -DOWN}, PlacingFault.SUPPORT_IN_THE_WAY, "clear of the supports"),
+        (0.3, {"approach": -DOWN}, PlacingFault.SUPPORT_IN_THE_WAY, "touches a support"),
         (100.0, {"approach": DOWN}, PlacingFault.INFEASIBLE, "effort limits"),
         (0.3, {"margin": 1e3}, PlacingFault.MARGIN_TOO_SMALL, ""),
     ],
@@ -386,7 +386,7 @@ def test_an_internal_error_costs_one_candidate_and_is_told(scene: Scene, monkeyp
         r"internal error in \w+\.py, line \d+: ZeroDivisionError: a fault of ours", error
     )
     assert f"{error} (x {lost}); please report it" in str(found)
-    assert f"{lost} an internal error left it out" in str(found)
+    assert f"{lost} an internal error occurred" in str(found)
 
 
 def test_an_internal_error_at_each_candidate_is_no_place(scene: Scene, monkeypatch) -> None:
@@ -436,7 +436,7 @@ def test_time_that_is_up_ends_the_search(scene: Scene, workers: int, monkeypatch
     monkeypatch.setattr(placing, "ChildProcesses", processes)
     found = quickly(scene, candidates=500, time_limit=0.0, workers=workers)
     assert not found.complete and found.tried < 500
-    assert "the time limit ended it" in str(found)
+    assert "ended by the time limit" in str(found)
 
 
 def test_without_gravity_the_object_stays_where_it_is(scene: Scene) -> None:

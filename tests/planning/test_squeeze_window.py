@@ -130,7 +130,9 @@ def test_joints_that_follow_keep_a_reserve_of_friction(pressed_ball) -> None:
     held = scene.with_changes(controller=Controller(2.0))
     window = squeeze_window(held, torques, samples=[-0.3, 0.2, 0.4], precision=1.0)
     assert (window.margins > 0.05).all()
-    with pytest.raises(ArgumentError, match=r"samples: has 100; limits leave the amounts -1 to "):
+    with pytest.raises(
+        ArgumentError, match=r"samples: has 100; effort limits allow amounts from -1 to "
+    ):
         squeeze_window(held, torques, samples=[100.0])
 
 
@@ -190,7 +192,7 @@ def test_other_joints_follow_or_stay(pressed_ball) -> None:
     [
         (([0.2], [0.0]), "direction: is zero"),
         (([0.2], {"thumb": 1.0}), "direction: unknown joint 'thumb'; known: "),
-        (([0.0],), "torques: leave no rest to squeeze"),
+        (([0.0],), "torques: have no known forces of rest"),
         (([0.2, 0.1],), "torques: has shape"),
     ],
 )

@@ -123,12 +123,14 @@ def test_gains_stand_in_the_file(tmp_path: Path) -> None:
     again = pickle.loads(pickle.dumps(scene))  # noqa: S301 - our own bytes
     assert again.controller == scene.controller
     data["controller"] = {"stiffness": {"indx": 2.0}}
-    with pytest.raises(SceneError, match=r"yaml:\d+: controller\b.*stiffness.indx: is no joint"):
+    with pytest.raises(SceneError, match=r"yaml:\d+: controller\b.*stiffness.indx: is not a joint"):
         loaded(tmp_path, data)
     data["controller"] = {"stiffness": -1.0}
     with pytest.raises(SceneError, match=r"scene.yaml:\d+: controller.stiffness: "):
         loaded(tmp_path, data)
-    with pytest.raises(ArgumentError, match=r"stiffness.indx: is no joint or finger; did you mean"):
+    with pytest.raises(
+        ArgumentError, match=r"stiffness.indx: is not a joint or finger; did you mean"
+    ):
         scene.with_changes(controller=Controller({"indx": 2.0})).stability(np.zeros(16))
     with pytest.raises(ArgumentError, match="controller: found 'stiff'; needs a Controller"):
         scene.with_changes(controller="stiff")
@@ -159,7 +161,9 @@ def test_a_problem_without_a_scene_is_known_where_nothing_rolls() -> None:
     rolling, still = (load_scene(file) for file in (BOX_ON_SLOPE, PAPER / "cuboid_at_rest.yaml"))
     said = stability(rolling.problem(), rolling.solve().torques)
     assert said.status == "strong" and np.isnan(said.stiffness_needed)
-    assert "small motions not known: how the contacts roll needs a scene with shapes" in str(said)
+    assert "small motions not known: how contacts roll is only known for scenes with shapes" in str(
+        said
+    )
     assert stability(still.problem(), still.solve().torques).growth_rate == 0.0
 
 

@@ -115,7 +115,7 @@ def test_what_is_no_answer_for_this_scene_is_refused():
     other = load_scene("examples/paper/cuboid_at_rest.yaml")
     with pytest.raises(ArgumentError, match="another scene"):
         other.stability_of_members(robust_torques(scene, unknown, feedback=1.0))
-    with pytest.raises(ArgumentError, match=r"ask it of a scene"):
+    with pytest.raises(ArgumentError, match=r"use a scene: scene.solve"):
         minimize_torque(
             other.problem(), 0.1, uncertainty=Uncertainty(**unknown), stability="strong"
         )

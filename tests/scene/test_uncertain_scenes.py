@@ -119,9 +119,9 @@ def test_friction_is_uncertain_by_pair_of_materials(tmp_path: Path) -> None:
     # The support's own coefficient is none of the table's.
     bare = [walls[0] | {"friction": 0.3}]
     assert shares({"plaster": 0.3, **pair}, supports=bare) == [0.1, 0.0]
-    with pytest.raises(SceneError, match=r"friction.rubber.stone: is no material; did you mean"):
+    with pytest.raises(SceneError, match=r"friction.rubber.stone: is not a material; did you mean"):
         shares({"rubber": {"stone": 0.1}})
-    with pytest.raises(SceneError, match=r"is 0.1, but 0.2 the other way round"):
+    with pytest.raises(SceneError, match=r"is 0.1, but the reversed pair has 0.2"):
         shares({"rubber": {"stoneware": 0.1}, "stoneware": {"rubber": 0.2}})
     line = "unknown   friction rubber on stoneware ±10, rubber on wood ±40 %"
     told = scene_with(tmp_path, {"friction": pair}, **rubbing)
@@ -237,15 +237,18 @@ def test_an_mjcf_and_the_screen_say_it_too() -> None:
         ({"torque": {"index": "5 mNm"}}, r"torque.index: .*; in Nm write torque_offset: 0.005 in"),
         ({"contact_position": "2 mm"}, r"contact_position: .*; write 0.002 \(m\), without 'mm'"),
         ({"contact_position": {"hand": "2 mm"}}, r"contact_position.hand: .*; write 0.002 \(m\)"),
-        ({"contact_position": {"hnd": 0.1}}, r"contact_position.hnd: is no body; did you mean"),
+        ({"contact_position": {"hnd": 0.1}}, r"contact_position.hnd: is not a body; did you mean"),
         ({"mass_offset": "50 g"}, r"uncertainty.mass_offset: .*; write 0.05 \(kg\), without 'g'"),
         ({"tilt": 0.8}, r"yaml:\d+: uncertainty.tilt: is 0.8 rad; it must be below 45 degrees"),
         ({"friction": -0.1}, r"uncertainty.friction: found -0.1; needs a finite number >= 0"),
-        ({"friction": {"hnd": 0.1}}, r"friction.hnd: is no body; did you mean 'hand'\?"),
-        ({"friction": {"mug": 0.1}}, r"friction.mug: is the object, .* 'default' stands for all"),
+        ({"friction": {"hnd": 0.1}}, r"friction.hnd: is not a body; did you mean 'hand'\?"),
+        ({"friction": {"mug": 0.1}}, r"friction.mug: is the object, .* use 'default' for all"),
         ({"friction": {"hand": {"x": 1}}}, r"friction.hand.x: found 1; needs .* below 1; 1 % is"),
-        ({"friction": {"hand": {"x": 0.1}}}, r"friction.hand: is no material; there is none"),
-        ({"effort": {"indx": 0.1}}, r"effort.indx: is no joint or finger; did you mean 'index'\?"),
+        ({"friction": {"hand": {"x": 0.1}}}, r"friction.hand: is not a material; there is none"),
+        (
+            {"effort": {"indx": 0.1}},
+            r"effort.indx: is not a joint or finger; did you mean 'index'\?",
+        ),
         ({"torque": {"joint_1.0": 2}}, r"torque\['joint_1.0'\]: found 2; .* below 1; 2 % is 0.02"),
         ({"mas": 0.1}, r"yaml:\d+: uncertainty.mas: unknown key; did you mean 'mass'\?"),
         ({"feedback": 1.0}, r"uncertainty: found feedback; .* the scene's key 'controller'"),
@@ -273,16 +276,22 @@ def test_mistakes_in_python() -> None:
     with pytest.raises(ArgumentError, match=r"is True, and .*cuboid_at_rest.yaml says nothing"):
         scene.solve(uncertainty=True)
     with pytest.raises(
-        ArgumentError, match=r"mass_offset is 2 kg beside a share of 0.1, and .* has 1 kg"
+        ArgumentError, match=r"mass_offset is 2 kg together with a share of 0.1, but .* has 1 kg"
     ):
         scene.solve(uncertainty=Uncertainty(mass=0.1, mass_offset=2.0))
-    with pytest.raises(ArgumentError, match=r"mass_offset: is in kg, and arrays tell no mass"):
+    with pytest.raises(
+        ArgumentError, match=r"mass_offset: is in kg, but arrays do not state a mass"
+    ):
         maximize_margin(scene.problem(), uncertainty=Uncertainty(mass_offset=0.1))
     with pytest.raises(ArgumentError, match=r"found 0.2; needs an Uncertainty or None, e.g."):
         scene.with_changes(uncertainty=0.2)
-    with pytest.raises(ArgumentError, match=r"friction\['wal'\]: is no body; did you mean 'wall'"):
+    with pytest.raises(
+        ArgumentError, match=r"friction\['wal'\]: is not a body; did you mean 'wall'"
+    ):
         load_scene(MUG).solve(uncertainty=Uncertainty(friction={"wal": 0.1}))
-    with pytest.raises(ArgumentError, match="friction: is by name, which scenes take; give one"):
+    with pytest.raises(
+        ArgumentError, match="friction: is given by name, which requires a scene; give one"
+    ):
         solve_robust(scene.problem(), *scene.asked()[:1], Uncertainty(friction={"hand": 0.1}),
                      scene.asked()[1])  # fmt: skip
     with pytest.raises(ArgumentError, match=r"may be off by 5 m along x.*give metres"):

@@ -52,7 +52,7 @@ LOADING = {
             ":7: compute.sample_time_limit: found 0; needs a finite number > 0, at most 1e+06"
         ),
         "algorithm: margin, margin: 0.2": (
-            ":7: compute.margin: is no option of the algorithm 'margin' and would change nothing"
+            ":7: compute.margin: has no effect with algorithm 'margin'; use algorithm 'torque'"
         ),
     },
     "unit: deg": {
@@ -93,7 +93,7 @@ LOADING = {
         "supports.1.friction": ": has no item 1; it has 1, counted from 0",
         "object.mass.kilo": ": object.mass is 1.0 and has no keys below it",
         "solve.margin": (
-            ":3: vary['solve.margin']: is no option of the algorithm 'margin' and would change"
+            ":3: vary['solve.margin']: has no effect with algorithm 'margin'; use algorithm"
         ),
         "materials.rubber.cardboard": (
             ":3: vary['materials.rubber.cardboard']: sets materials.rubber.cardboard, which has "
@@ -125,7 +125,7 @@ LOADING = {
             ".key: object.mas: unknown key; did you mean 'mass'?"
         ),
         "{values: [1], set: [{key: object.mass, factor: 2}, {key: solve.margin, factor: 2}]}": (
-            ": solve.margin is no option of the algorithm 'margin' and would change nothing here"
+            ": solve.margin has no effect with algorithm 'margin'; use algorithm 'torque'"
         ),
         "{values: [1], set: [{key: object.mass}, {key: gravity.0}]}": (
             "set: its keys have different units: object.mass (mass), gravity.0 (acceleration)"

@@ -128,9 +128,9 @@ def test_what_has_no_curve():
     assert not curve.found and curve.status is Status.INFEASIBLE_FORCES
     assert curve.margins.shape == (0, 2) and curve.slopes.shape == (0,)
     assert str(curve).startswith("not found: infeasible")
-    with pytest.raises(NoSolutionError, match="There is no curve to read"):
+    with pytest.raises(NoSolutionError, match="There is no margin-torque curve"):
         curve.torque_at(0.1)
-    with pytest.raises(NoSolutionError, match="There is no curve to read"):
+    with pytest.raises(NoSolutionError, match="There is no margin-torque curve"):
         _ = curve.largest_margin
     curve = margin_torque_curve(scene("rest"), node_limit=1)
     assert curve.status in (Status.LIMIT_REACHED, Status.NOT_FOUND_IN_LIMIT)

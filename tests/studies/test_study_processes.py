@@ -160,7 +160,7 @@ def test_an_interrupt_does_not_wait_for_a_sample_that_hangs(tmp_path, monkeypatc
 
 def test_processes_that_do_not_start_are_told(tmp_path, monkeypatch):
     monkeypatch.setattr("graspless_pin.child_process._PROGRAM", "raise SystemExit(7)")
-    with pytest.raises(StudyError, match=r"worker processes do not start \(.* exit code 7\)"):
+    with pytest.raises(StudyError, match=r"worker processes cannot start \(.* exit code 7\)"):
         run_study(study({"friction": FRICTION}), tmp_path / "out.csv", workers=2, progress=False)
     assert not (tmp_path / "out.csv").exists()
 

@@ -242,7 +242,7 @@ def test_too_many_leaves_are_said_and_not_proven(monkeypatch):
     )
     monkeypatch.setattr("graspless_pin.algorithms.solution_proof.MOST_LEAVES", 2)
     document = documented(minimize_torque(scene("rest"), 0.1))
-    assert document["proof"]["missing"] == "its proof takes more than 2 leaves"
+    assert document["proof"]["missing"] == "the proof needs more than 2 leaves"
     verification = verify_document(document)
     assert verification.passed and not verification.proven
     shown = {check.name: check.passed for check in verification.checks}

@@ -90,7 +90,7 @@ def test_a_proof_that_stays_open_is_not_written(monkeypatch):
     """The document then says that it has none: nothing false, and nothing proven."""
     monkeypatch.setattr(ModeProver, "_refuting_leaf", lambda *_: None)
     document = documented(maximize_margin(scene("up").with_changes(torque_limits=(-0.1, 0.1))))
-    assert "not proven of the farthest" in document["proof"]["missing"]
+    assert "do not prove that a tree node is infeasible" in document["proof"]["missing"]
     verification = verify_document(document)
     assert verification.passed and not verification.proven
     assert document["certificate"]["infeasibility"] == 0.0

@@ -252,7 +252,7 @@ class AttainableTolerance(Brief):
     def why(self) -> str:
         """Why no torques bear more, in a few words."""
         if not self.in_time:
-            return "left open by time"
+            return "not decided in time"
         if self.free_motion is not None:
             return "free motion"
         count = len(self.conflict)

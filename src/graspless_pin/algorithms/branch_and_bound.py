@@ -209,8 +209,9 @@ def search_directions(state: SearchState) -> Status:
         what = "a regularisation" if objective.algorithm else f"the objective {objective.name!r}"
         raise ArgumentError(
             "sign_rule",
-            f"is 'direction', which does not take {what}: only the largest margin and the smallest "
-            "torque without a regularisation; ask for 'strict', 'exact' or 'nonzero'",
+            f"is 'direction', which is not supported together with {what}, only with the largest "
+            "margin or the smallest torque without a regularisation; use 'strict', 'exact' or "
+            "'nonzero'",
         )
     answer = state.relax()
     if answer.outcome is not Outcome.SOLVED:

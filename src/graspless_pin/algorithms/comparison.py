@@ -213,8 +213,8 @@ def minimum_friction(
     """
     checked_problem(problem)
     how = SolveOptions.parse(**options).need_weak(
-        "minimum_friction is what can be held with at best",
-        "leave it out, and ask for guaranteed torques at a factor",
+        "minimum_friction considers only the best admissible contact forces",
+        "leave it out, and solve the problem with scaled friction and stability='strong'",
     )
     return smallest_factor(problem, Margin(), how)
 

@@ -90,7 +90,7 @@ class DisturbanceMargin(Brief):
             return f"not found: {self.status.message}"
         words = load_words(self.worst_wrench, self.problem.passive_units, joined=", ")
         return (
-            f"smallest of {len(self.magnitudes)} balanced disturbances: "
+            f"smallest disturbance margin of {len(self.magnitudes)} directions: "
             f"{brief_figure(self.magnitudes[self.worst], self.problem.scales.force)} N ({words})"
         )
 
@@ -136,8 +136,8 @@ def disturbance_margin(
     """
     checked_problem(problem)
     how = SolveOptions.parse(**options).need_weak(
-        "disturbance_margin is what can be borne at best",
-        "leave it out, and ask `stability` under a disturbance",
+        "disturbance_margin considers only the best admissible contact forces",
+        "leave it out, or call `guaranteed_disturbance` with given torques",
     )
     how.rules.need_signs("disturbance_margin")
     limits = Limits.from_options(how)
@@ -237,7 +237,7 @@ def unit_disturbances(
     lengths = np.linalg.norm(given, axis=1)
     if (lengths == 0.0).any():
         index = int(np.argmin(lengths))
-        raise ArgumentError("directions", f"is zero at index {index}; each needs a length")
+        raise ArgumentError("directions", f"is zero at index {index}; each must be nonzero")
     return read_only(given / lengths[:, None]), float(length)
 
 
@@ -327,9 +327,9 @@ class GuaranteedDisturbance(Brief):
             NoSolutionError: If rest is not guaranteed without disturbance, or none was reached.
         """
         if not self.found:
-            raise NoSolutionError(f"No disturbance is guaranteed to be borne ({self.verdict}).")
+            raise NoSolutionError(f"Rest is not guaranteed without disturbance ({self.verdict}).")
         if not self.reached.any():
-            raise NoSolutionError("No direction was reached before the time was over.")
+            raise NoSolutionError("The time limit ended the search before the first direction.")
         return int(np.nanargmin(self.guaranteed))
 
     def __str__(self) -> str:
@@ -338,17 +338,18 @@ class GuaranteedDisturbance(Brief):
             return f"nothing guaranteed: {self.verdict}"
         if not self.reached.any():
             return (
-                f"none of {len(self.directions)} directions was reached: the time was over before"
+                f"the time limit ended the search before the first of {len(self.directions)} "
+                "directions"
             )
         at = self.worst
         units = self.verdict.problem.passive_units
         wrench = self.directions[at] * passive_levers(units, self.characteristic_length)
         missed = int(np.sum(~self.reached))
         short = int(np.sum(~self.complete)) - missed
-        ended = f"; the time was over before the end of {short} directions" if short else ""
-        ended += f"; not reached: {missed}" if missed else ""
+        ended = f"; directions not completed in time: {short}" if short else ""
+        ended += f"; directions not reached in time: {missed}" if missed else ""
         return (
-            f"least of {len(self.directions)} directions, per newton of "
+            f"weakest of {len(self.directions)} directions, per newton of "
             f"{load_words(wrench, units, joined=' and ')}: {self.brackets[at].words('N')}{ended}"
         )
 

@@ -70,7 +70,7 @@ def wider_joint_limit(
     if symmetric:
         side, limit = "", abs(limit)
         lower[joint], upper[joint] = -limit, limit
-    text = f"{name}'s {side}limit would have to be {limit:.{SUGGESTION_DIGITS}g} {unit}"
+    text = f"{name}'s {side}torque limit would have to be {limit:.{SUGGESTION_DIGITS}g} {unit}"
     return text, problem.with_changes(torque_limits=(lower, upper))
 
 
@@ -179,10 +179,10 @@ class Explanation:
         lines = [self.cause]
         if self.suggestions:
             changes = (f"- {suggestion.text}" for suggestion in self.suggestions)
-            lines += ["Any one of these changes would do:", *changes]
+            lines += ["Any one of these changes makes the problem feasible:", *changes]
         if not self.complete:
             lines.append(
-                "Not every search for changes came to its end: others may do, too, or smaller ones."
+                "A limit ended the search for changes: others, or smaller ones, may be enough, too."
             )
         return "\n".join(lines)
 
@@ -224,16 +224,17 @@ def explain(
         conflicts = () if solution.rules.by_direction else _conflicting_contacts(solution)
         named = ", ".join(str(contact) for contact in conflicts)
         cause = (
-            "Forces that balance exist, but their friction has no kinematically feasible virtual "
-            "sliding behind it"
+            "Contact forces balance the external wrench, but no kinematically feasible virtual "
+            "sliding justifies their friction"
         )
         cause += f": contacts {named} exclude each other." if conflicts else "."
         suggestions += _weaker_rules(solution, searches)
     else:
         required = solution.required_margin
         cause = (
-            "No contact forces inside the cones, normal-force and torque limits balance the "
-            f"external wrench{f' with a margin of {required:g} N' if required > 0.0 else ''}."
+            "No contact forces inside the friction cones, the normal-force limits and the torque "
+            "limits balance the external wrench"
+            f"{f' with a margin of {required:g} N' if required > 0.0 else ''}."
         )
     suggestions += [*_smaller_margins(solution, searches), *_reliefs(solution, searches)]
     if not suggestions and not solution.rules.by_direction:
@@ -390,7 +391,7 @@ def _friction_changes(solution: TorqueSolution, searches: ChangeSearches) -> Ite
         f"all friction coefficients would have to be {factor:.{SUGGESTION_DIGITS}g} times as large"
     )
     if factor == 0.0:
-        text = "the contacts would have to be without friction"
+        text = "all friction coefficients would have to be 0"
     yield from _feasible_suggestion(text, scaled(factor), solution, searches)
 
 

@@ -319,7 +319,7 @@ _REACHED = " *"
 _NO_FORCES = (
     "infeasible: no contact forces inside the cones balance the external wrench with these torques"
 )
-_NOTE = "* reached; no proof yet that these torques allow no wider range"
+_NOTE = "* found; it is not proven that these torques allow no wider range"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -392,7 +392,7 @@ class ContactForceBounds(Brief):
         *first, last = map(str, free)
         listed = f"{', '.join(first)} and {last}" if first else last
         noun = "contact" if len(free) == 1 else "contacts"
-        return f"{who} may squeeze the object with any force: {noun} {listed}"
+        return f"{who} may squeeze the object with unbounded force: {noun} {listed}"
 
     def __str__(self) -> str:
         """Return a readable table."""
@@ -470,7 +470,7 @@ def contact_force_bounds(
         margins up to 0.1 N
     """
     how = SolveOptions.parse(**options).need_weak(
-        "contact_force_bounds takes torques as they are", "ask `stability` of them"
+        "contact_force_bounds is for given torques", "leave it out, and call `stability` with them"
     )
     how.rules.need_signs("contact_force_bounds")
     checked_problem(problem)

@@ -186,18 +186,18 @@ def optimum_gradients(solution: TorqueSolution) -> OptimumGradients:
     if solution.algorithm is None:
         raise ArgumentError(
             "solution",
-            f"is of the objective '{solution.objective.name}'; gradients are those of Algorithms "
-            "1 and 2",
+            f"has the objective '{solution.objective.name}'; gradients are only available for "
+            "Algorithms 1 and 2",
         )
     if solution.status is Status.STRONG:
         raise ArgumentError(
             "solution",
-            "has guaranteed torques that are worse than the best case and no optimum; gradients "
-            "are those of the best case: solve with stability='weak'",
+            "has guaranteed torques, which are worse than the optimum of the best case; gradients "
+            "are only available for that optimum: solve with stability='weak'",
         )
     if solution.regularization > 0.0:
         raise ArgumentError(
-            "solution", "has a regularisation; gradients need the optimum of the bare program"
+            "solution", "has a regularisation; gradients require the optimum without one"
         )
     optimum = OptimalSet(solution)
     point, alternatives = optimum.point(), optimum.alternatives()
@@ -417,13 +417,15 @@ def uncertainty_gradients(robust: RobustSolution) -> UncertaintyGradients:
     """
     uncertainty, weight = robust.uncertainty, robust.weight
     if uncertainty is None or weight is None:
-        raise ArgumentError("robust", "does not tell of which set it is")
+        raise ArgumentError(
+            "robust", "does not state its uncertainty; solve with uncertainty=... again"
+        )
     if robust.policy is not None:
         raise ArgumentError(
             "robust",
-            "has forces affine in balls, or in what has too many corners, and gradients are of "
-            "corners; give boxes in place of balls (center_of_mass, force, moment), or solve for "
-            "two sizes of the set",
+            "has contact forces that are affine in balls, or in a set with too many corners, but "
+            "gradients require corners; give boxes instead of balls (center_of_mass, force, "
+            "moment), or compare solutions for two sizes of the set",
         )
     found = optimum_gradients(robust.solution)
     forces = robust.solution.contact_forces

@@ -306,10 +306,12 @@ def stable_torques(
 def _advice(verdict: StabilityVerdict) -> str:
     """Return what to try where no torques were found."""
     if verdict.status is Stability.STRONG:
-        return "- try the feedback that it names, or another grip"
+        return "- use the joint feedback that the verdict states, or another grip"
     if verdict.joints_held:
-        return "- try constant torques, or a stiffness, as controller: then torques count"
-    return "- try more friction, larger effort limits, or more verdict_nodes"
+        return (
+            "- state constant torques, or a stiffness, as controller: then torques have an effect"
+        )
+    return "- try more friction, larger effort limits, or a larger verdict_nodes"
 
 
 def half_space(

@@ -361,7 +361,7 @@ class MarginTorqueCurve(Brief):
         attainable = wanted <= end + SAME_MARGIN * self.problem.scales.force
         wanted = np.where(attainable, np.minimum(wanted, end), wanted)
         if (wanted < 0.0).any():
-            raise ArgumentError("margin", f"is {wanted.min()}; a required margin is at least 0")
+            raise ArgumentError("margin", f"is {wanted.min()}; it must not be negative")
         piece = np.searchsorted(self.margins[:, 1], wanted, side="left")
         inside = np.minimum(piece, len(self.modes) - 1)
         torque = self.torques[inside, 0] + self.slopes[inside] * (wanted - self.margins[inside, 0])
@@ -379,7 +379,7 @@ class MarginTorqueCurve(Brief):
 
     def _check_found(self) -> None:
         if not self.found:
-            raise NoSolutionError(f"There is no curve to read ({self.status.message}).")
+            raise NoSolutionError(f"There is no margin-torque curve ({self.status.message}).")
 
 
 def margin_torque_curve(
@@ -413,8 +413,8 @@ def margin_torque_curve(
     """
     checked_problem(problem)
     how = SolveOptions.parse(**options).need_weak(
-        "margin_torque_curve is of the best case",
-        "leave it out, or ask `minimize_torque` for each margin",
+        "margin_torque_curve considers only the best admissible contact forces",
+        "leave it out, or call `minimize_torque` for each margin",
     )
     how.rules.need_signs("margin_torque_curve")
     torque_scale = choice(TorqueScale, "scale", scale)

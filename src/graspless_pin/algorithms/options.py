@@ -66,7 +66,7 @@ def refuse_unknown(names: Iterable[str], known: Collection[str]) -> None:
     """
     for name in names:
         if name not in known:
-            raise ArgumentError(name, f"is no option; {names_in_words(name, known)}")
+            raise ArgumentError(name, f"is not an option; {names_in_words(name, known)}")
 
 
 @dataclass(frozen=True)
@@ -186,7 +186,7 @@ def refuse_feedback_alone(feedback: object) -> None:
         ArgumentError: If there is some.
     """
     if feedback is not None:
-        raise ArgumentError("feedback", "adds to torques for an uncertainty; give one, too")
+        raise ArgumentError("feedback", "is only available with an uncertainty; give one, too")
 
 
 class TorqueScale(StrEnum):
@@ -224,7 +224,7 @@ class NamedObjective(NamedTuple):
 
 OBJECTIVES = {
     "margin": NamedObjective(Margin, "Algorithm 1, largest margin"),
-    "torque": NamedObjective(torque_objective, "Algorithm 2, least torque"),
+    "torque": NamedObjective(torque_objective, "Algorithm 2, smallest torque"),
 }
 """All objectives by name: a new one is added to this list."""
 
@@ -269,7 +269,7 @@ def objective_named(name: str, figures: Mapping[str, Any]) -> Objective:
         if figures.get(key) is not None:
             given[argument.name] = figures[key]
         elif argument.default is argument.empty:
-            raise ArgumentError(key, f"is missing; the algorithm {name!r} needs it")
+            raise ArgumentError(key, f"is missing; algorithm {name!r} requires it")
     return OBJECTIVES[name].make(**given)
 
 
@@ -310,8 +310,8 @@ def why_without_effect(key: str, algorithm: str) -> str:
     if not others:
         return ""
     return (
-        f"is no option of the algorithm {algorithm!r} and would change nothing here; ask for "
-        f"algorithm {' or '.join(map(repr, others))}, or leave it out"
+        f"has no effect with algorithm {algorithm!r}; use algorithm "
+        f"{' or '.join(map(repr, others))}, or leave it out"
     )
 
 

@@ -64,7 +64,7 @@ class Samples(Brief):
         """Return the result of the sampling, in words."""
         return (
             f"{self.served} of {self.count} random members with contacts moved keep the margin, "
-            f"and {self.solved} with all contacts as far off as may be"
+            f"and {self.solved} of {self.solved} with every contact at its largest distance"
         )
 
 
@@ -254,7 +254,7 @@ class RobustSolution(Brief):
             NoSolutionError: If nothing was found, or there is no feedback.
         """
         if self.feedback is None:
-            raise NoSolutionError("Constant torques have no deflections: give the feedback.")
+            raise NoSolutionError("Constant torques have no deflections; solve with feedback=...")
         differences = self.commands - self.torques
         return np.divide(
             -differences, self.feedback, out=np.zeros_like(differences), where=self.feedback > 0.0
@@ -286,21 +286,19 @@ class RobustSolution(Brief):
             lines = [f"no torques for the whole set: {self.status.message}"]
             if self.rest is not None and self.rest.verdicts:
                 last = self.members[self.rest.corners[-1]].words
-                lines.append(f"farthest came torques that lose rest where {last}:")
+                lines.append(f"the best torques tried are not proven to keep rest where {last}:")
                 lines.append(f"  {self.rest.verdicts[-1].message}")
             if self.status is Status.UNVERIFIED:
-                lines.append(
-                    "no forces affine in the unknown quantities were found; others may exist"
-                )
+                lines.append("contact forces affine in the unknowns are not enough; others may be")
             if len(self.conflict) == 1:
-                lines.append("this member alone cannot be served:")
+                lines.append("this member alone is infeasible:")
             elif self.conflict:
-                lines.append("these members cannot be served together:")
+                lines.append("no torques are feasible for all of these members:")
             lines += [f"  {self.members[number].words}" for number in self.conflict]
             if len(self.conflict) > 1 and self.feedback is None:
                 lines.append(
-                    "constant torques are right for one load only along a motion that no contact "
-                    "resists; feedback=STIFFNESS adds what the joints' stiffness gives there"
+                    "along a motion that no contact resists, constant torques balance one load "
+                    "only; feedback=STIFFNESS adds the torques of the joints' stiffness"
                 )
             return "\n".join(lines)
         problem, commands = self.members[0].problem, self.commands
@@ -317,12 +315,15 @@ class RobustSolution(Brief):
         policy = ""
         if self.policy is not None:
             policy = (
-                f" by affine forces\nno torques for the whole set are better than {self.bound:.6g}"
+                " by contact forces affine in the unknowns\n"
+                f"no torques for the whole set are better than {self.bound:.6g}"
             )
         sampled = "" if self.samples is None else f"sampled: {self.samples}\n"
         if self.rest is not None:
             count = len(self.rest.corners)
-            policy += f"\nrest is the only outcome at {count} corners, between them that is open"
+            policy += (
+                f"\nrest is the only outcome at {count} corners; it is not proven between them"
+            )
         return (
             f"margin {self.margin:.6g} N, max |torque| {self.max_torque:.6g} "
             f"{self.max_torque_unit}, proven for {self.proven_for}{policy}\n{sampled}"

@@ -94,8 +94,8 @@ def torques_by_policy(
     if not isinstance(objective, Margin | Torque) or objective.regularization > 0.0:
         raise ArgumentError(
             "uncertainty",
-            "has balls, or too many corners; they need the objective margin or torque, without a "
-            "regularization",
+            "has balls, or too many corners, which require the objective margin or torque without "
+            "a regularization",
         )
     coulomb = options.rules.static_friction is StaticFriction.COULOMB
     if not coulomb:
@@ -209,8 +209,8 @@ def solve_robust(
     if not isinstance(uncertainty, Uncertainty):
         raise ArgumentError("uncertainty", f"is {uncertainty!r:.80}; it must be an Uncertainty")
     options.need_weak(
-        "arrays do not tell what inertia a member has",
-        "ask it of a scene: scene.solve(uncertainty=..., stability='strong')",
+        "arrays do not state the inertia of each member",
+        "use a scene: scene.solve(uncertainty=..., stability='strong')",
     )
     limits = Limits.from_options(options)
     radii = contact_radii(problem, uncertainty, slopes)
@@ -224,8 +224,8 @@ def solve_robust(
         beside = "a set with balls or too many corners" if unknowns.count else "such an objective"
         raise ArgumentError(
             "contact_position",
-            f"cannot be sampled with {beside}; leave it out, or the radii, or ask for margin or "
-            "torque",
+            f"is not supported together with {beside}; leave it out, or use boxes instead of "
+            "balls, fewer uncertain figures, and the objective margin or torque",
         )
     corners = members if feedback is None or len(members) == 1 else members[1:]
     rng = np.random.default_rng(_SEED)
@@ -348,13 +348,13 @@ def joint_stiffness(
             feedback = real_number("feedback", feedback, 0.0)
         controller = Controller.of("feedback", feedback)
         if not controller.is_stated or controller.holds_joints:
-            raise ArgumentError("feedback", "states no stiffness; give one, N m/rad")
+            raise ArgumentError("feedback", "does not state a stiffness; give one, N m/rad")
         controller.check(problem.joint_names, (*set(fingers.values()),))
         shares = gain_shares([unit is JointUnit.FORCE for unit in problem.joint_units])
         return controller.gains(problem.joint_names, shares, fingers)[0]
     given = finite_array("feedback", feedback, (problem.joint_count,))
     if (given < 0.0).any():
-        raise ArgumentError("feedback", f"is {given.min():.4g}; stiffness is not negative")
+        raise ArgumentError("feedback", f"is {given.min():.4g}; it must not be negative")
     return given
 
 
@@ -439,13 +439,13 @@ def contact_radii(
     moved = radii > 0.0
     if moved.any() and problem.wrench_matrix is not None:
         raise ArgumentError(
-            "contact_position", "is of one free object, and the problem has a wrench_matrix"
+            "contact_position", "requires one free object, but the problem has a wrench_matrix"
         )
     if slopes is None and problem.jacobian.reshape(len(radii), -1)[moved].any():
         raise ArgumentError(
             "contact_position",
-            "moves contacts of joints, and arrays do not tell their Jacobian elsewhere; ask it of "
-            "a scene, or give 0 for these contacts",
+            "moves contacts of joints, but arrays do not state how their Jacobian changes; use a "
+            "scene, or give 0 for these contacts",
         )
     return radii
 

@@ -38,7 +38,7 @@ _NO_ERROR = 1e-3
 """Over the largest torque: no actuator keeps its torque to a smaller error."""
 
 
-NOT_REACHED = "not reached: the time was over before"
+NOT_REACHED = "not reached before the time limit"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -85,12 +85,12 @@ class LoadBracket(Brief):
             return NOT_REACHED
         message = f"rest is the only outcome up to {self.guaranteed:.4g} {unit}"
         if self.failure is None:
-            message += f"; nothing else was found up to {self.possible:.4g} {unit}"
-            return message if self.complete else f"{message}, when the time was over"
+            message += f"; no other outcome was found up to {self.possible:.4g} {unit}"
+            return message if self.complete else f"{message}, when the time limit ended the search"
         message += f"; at {self.failing:.4g} {unit} it {self.failure}"
         if self.failure.status is Stability.NONE:
             return message
-        return f"{message}; forces balance up to {self.possible:.4g} {unit} at least"
+        return f"{message}; contact forces can balance up to {self.possible:.4g} {unit} at least"
 
 
 def checked_limits(
@@ -103,11 +103,13 @@ def checked_limits(
             of range.
     """
     if checked_problem(problem).is_sliding.any():
-        raise ArgumentError("problem", "slides; what certainly holds is known of rest alone")
+        raise ArgumentError(
+            "problem", "has sliding contacts; a guarantee is only available for rest"
+        )
     if not problem.cone_model.is_coulomb:
         raise ArgumentError(
             "problem",
-            f"has the cone '{problem.cone}'; a verdict needs Coulomb's law ('edges' or 'round')",
+            f"has the cone '{problem.cone}'; a verdict requires Coulomb's law ('edges' or 'round')",
         )
     if real_number("precision", precision, 1e-3) > _WIDEST:
         raise ArgumentError("precision", f"is {precision}; it must be at most {_WIDEST}")
@@ -268,7 +270,7 @@ class Robustness(Brief):
             listed = ", ".join(str(contact) for contact in self.relies_on) or "none"
             lines.append(f"contacts without which rest is not proven: {listed}")
         if not self.complete:
-            lines.append("the time limit ended the search: more time may tell more")
+            lines.append("the time limit ended the search: a larger one may give more results")
         return "\n".join(lines)
 
 
@@ -286,7 +288,9 @@ def _error_range_text(less: LoadBracket, more: LoadBracket, scale: float, unit: 
         for sign, one in (("-", less), ("+", more))
     ]
     text = f"tolerates {' to '.join(ends)} {unit}"
-    return f"{text}, fails at {' and '.join(fails)} {unit}" if fails else f"{text} (end of search)"
+    return (
+        f"{text}, fails at {' and '.join(fails)} {unit}" if fails else f"{text} (no failure found)"
+    )
 
 
 def robustness(
@@ -383,6 +387,6 @@ def _verdict_without(
     changed, tau = with_joints_held(fewer, verdict.torques, idle), verdict.torques
     if limits.is_time_over:
         return undecided_verdict(
-            changed, tau, "undecided: the time was over before it was looked at"
+            changed, tau, "undecided: the time limit ended the search before this contact"
         )
     return stability(changed, tau, node_limit=node_limit, time_limit=limits.seconds_left)

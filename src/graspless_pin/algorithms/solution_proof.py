@@ -85,7 +85,7 @@ class ModeProver:
             nodes.append(node)
             leaves += isinstance(node, BoundLeaf | KinematicLeaf)
             if leaves > MOST_LEAVES or len(nodes) > 2 * MOST_LEAVES:
-                return ModeProof((), f"its proof takes more than {MOST_LEAVES} leaves")
+                return ModeProof((), f"the proof needs more than {MOST_LEAVES} leaves")
             search.add(reversed(children))
         return ModeProof(tuple(nodes))
 
@@ -96,18 +96,18 @@ class ModeProver:
             return excluded, []
         answer = self.solve(part)
         if answer.outcome is Outcome.FAILED:
-            return "a program stayed without an answer", []
+            return "no solver answered one of the programs", []
         refuting = answer.outcome is Outcome.INFEASIBLE
         leaf = self._leaf(part, answer.y, answer.z, refuting=refuting)
         if leaf is not None:
             return leaf, []
         if refuting:
-            return "that a part has no forces is not proven of the farthest", []
+            return "the multipliers do not prove that a tree node is infeasible", []
         if part is None:
             return "the relaxation does not prove the bound", []
         x = self.tree.without_forbidden_friction(part, answer.x)
         split = self.tree.split(part, x, self.oracle.conflict_for(x, part))
-        return split or ("a mode with a virtual motion seems better than the bound", [])
+        return split or ("a kinematically feasible mode seems better than the bound", [])
 
     def solve(self, part: ModePart | None, cutoff: float | None = None) -> Answer:
         """Return the answer to the program of a part.
@@ -175,7 +175,7 @@ def proof_of(solution: TorqueSolution) -> SolutionProof:
     Raises:
         ArgumentError: If it is under the rule ``direction``.
     """
-    solution.rules.need_signs("the proof that a document carries")
+    solution.rules.need_signs("the proof in a document")
     if solution.status in _OPEN:
         return SolutionProof(ModeProof((), solution.status.message))
     try:

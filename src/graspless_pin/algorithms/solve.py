@@ -74,8 +74,8 @@ def solve_problem(
         raise ArgumentError("objective", f"is {objective!r:.80}; it must be an Objective")
     limits = Limits.from_options(options)
     if mode is not None:
-        what = "the argument mode is about forces that may balance in it"
-        options.need_weak(what, "ask `stability` of its torques")
+        what = "the argument mode restricts contact forces to one mode, which a verdict does not"
+        options.need_weak(what, "leave it out, and call `stability` with the torques found")
     return as_stable(_best_case(problem, objective, options, limits, mode), options, limits, rest)
 
 
@@ -116,7 +116,7 @@ def _best_case(
         if not problem.cone_model.is_coulomb:
             raise ArgumentError(
                 "sign_rule",
-                f"'direction' is about Coulomb's law, and the problem has the cone "
+                f"is 'direction', which requires Coulomb's law, but the problem has the cone "
                 f"'{problem.cone}'; use another sign_rule",
             )
         problem, gap = _with_round_cones(problem), options.direction_gap
@@ -161,7 +161,8 @@ def _checked_requirements(
         kind = "slides" if problem.is_sliding[index] else "is frictionless"
         raise ArgumentError(
             "mode",
-            f"{what} contact {index}, which {kind}, under sliding_rule='{rules.sliding}'",
+            f"{what} contact {index}, which {kind}; sliding_rule='{rules.sliding}' does not allow "
+            "that",
         )
     return list(requirements_of(mode))
 

@@ -17,8 +17,8 @@ from graspless_pin.records import Brief
 
 _FAR = 0.02  # rad or m
 _ROUGH = (
-    f"where joints give way by more than {_FAR:g} rad (m), contacts move, which is not counted: "
-    "less may be borne"
+    f"where joints deflect by more than {_FAR:g} rad (m), contacts move, which is not considered: "
+    "less may be tolerated"
 )
 _WHERE = "at contact, joint"
 _LEAST_DEFLECTION = 1e-6  # rad or m
@@ -131,7 +131,7 @@ class Tolerances(Brief):
         kept_rows = [[row[place] for place in kept] for row in rows]
         table = tabulate(kept_rows, headers=[headers[place] for place in kept])
         law = "Coulomb friction" if self.coulomb else "friction that opposes virtual sliding"
-        forces = f"contact forces are the best that {law} allows; robustness looks at all"
+        forces = f"contact forces are the best that {law} allows; robustness considers all"
         return f"{table}\n{forces}\n{self.remark}".rstrip()
 
     @property

@@ -92,7 +92,7 @@ def weight_of_arrays(problem: QuasistaticProblem) -> Weight:
     """
     if problem.passive_count != 6 or problem.wrench_matrix is not None:
         raise ArgumentError(
-            "problem", "has a wrench_matrix; what may be off is that of one free object"
+            "problem", "has a wrench_matrix; an uncertainty requires one free object"
         )
     force, moment = problem.external_wrench[:3], problem.external_wrench[3:]
     lever = np.cross(force, moment) / max(float(force @ force), np.finfo(float).tiny)
@@ -119,15 +119,15 @@ def mass_share(uncertainty: Uncertainty, weight: Weight) -> float:
         return uncertainty.mass
     if math.isnan(weight.mass):
         raise ArgumentError(
-            "mass_offset", "is in kg, and arrays tell no mass; ask it of a scene, or give mass"
+            "mass_offset", "is in kg, but arrays do not state a mass; use a scene, or give mass"
         )
     share = uncertainty.mass + uncertainty.mass_offset / weight.mass
     if share >= 1.0:
-        beside = f" beside a share of {uncertainty.mass:g}" if uncertainty.mass else ""
+        beside = f" together with a share of {uncertainty.mass:g}" if uncertainty.mass else ""
         raise ArgumentError(
             "uncertainty",
-            f"mass_offset is {uncertainty.mass_offset:g} kg{beside}, and the object has "
-            f"{weight.mass:.4g} kg; it must keep some: give less",
+            f"mass_offset is {uncertainty.mass_offset:g} kg{beside}, but the object has "
+            f"{weight.mass:.4g} kg and its mass must stay positive; give less",
         )
     return share
 
@@ -300,7 +300,7 @@ def _scale_limits(problem: QuasistaticProblem, shares: FloatArray) -> tuple[Floa
         name, unit = problem.joint_names[joint], problem.joint_units[joint]
         raise ArgumentError(
             "effort",
-            f"is {1.0 - shares[joint]:g} and leaves no torque to joint {name!r}, whose limits are "
+            f"is {1.0 - shares[joint]:g} and leaves no torque for joint {name!r}, whose limits are "
             f"{low[joint]:g} to {high[joint]:g} {unit}; give less, or limits nearer to zero",
         )
     return weaker
@@ -414,10 +414,10 @@ def gravities(weight: Weight, tilt: float) -> FloatArray:
     if tilt == 0.0:
         return down[None]
     if not down.any():
-        raise ArgumentError("tilt", "needs gravity, and the object has no weight")
+        raise ArgumentError("tilt", "requires gravity, but the object has no weight")
     if weight.links is None:
         raise ArgumentError(
-            "tilt", "turns the links' weight, which arrays do not tell; ask it of a scene"
+            "tilt", "turns the links' weight, which arrays do not state; use a scene"
         )
     across = np.linalg.svd(down[None])[2][1:]
     ring = polygon(_SIDES) @ across / cos(pi / _SIDES)
@@ -459,8 +459,8 @@ def _check_size(problem: QuasistaticProblem, uncertainty: Uncertainty) -> None:
         listed = ", ".join(f"{name} {count}" for name, count in counts.items() if count > 1)
         raise ArgumentError(
             "uncertainty",
-            f"has {corners} corners ({listed}); at most {MOST_MEMBERS} are looked at: let fewer "
-            "contacts or axes be uncertain, each of which doubles them",
+            f"has {corners} corners ({listed}); at most {MOST_MEMBERS} are supported: make fewer "
+            "contacts or axes uncertain, each of which doubles the corners",
         )
 
 

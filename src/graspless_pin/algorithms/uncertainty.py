@@ -204,7 +204,7 @@ class Uncertainty(Brief):
         if made in self.friction and made not in surfaces:
             raise ArgumentError(
                 f"friction['{made}']",
-                "is the object, which every contact touches; 'default' stands for all contacts",
+                "is the object, which takes part in every contact; use 'default' for all contacts",
             )
         what = "body or material" if materials else "body"
         for key, figure in self.friction.items():
@@ -216,7 +216,8 @@ class Uncertainty(Brief):
                     if isinstance(back, Mapping) and back.get(key, one) != one:
                         raise ArgumentError(
                             f"friction['{key}']['{other}']",
-                            f"is {one:g}, but {back[key]:g} the other way round",
+                            f"is {one:g}, but the reversed pair has {back[key]:g}; give the same "
+                            "figure for both",
                         )
             else:
                 _check_names("friction", [key], what, surfaces)
@@ -226,7 +227,7 @@ def _check_names(name: str, given: object, what: str, known: Sequence[str]) -> N
     for key in given if isinstance(given, Mapping | list) else ():
         if key not in known:
             advice = names_in_words(key, known) if known else "there is none"
-            raise ArgumentError(f"{name}['{key}']", f"is no {what}; {advice}")
+            raise ArgumentError(f"{name}['{key}']", f"is not a {what}; {advice}")
 
 
 def _scaled_figures(figures: Mapping[str, Any], share: float) -> dict[str, Any]:
@@ -290,9 +291,12 @@ def each_of(name: str, value: PairFigures, count: int, of: str) -> FloatArray:
         ArgumentError: If there are some for another number of them, or by name.
     """
     if isinstance(value, Mapping):
-        raise ArgumentError(name, f"is by name, which scenes take; give one, or {count}, of {of}")
+        raise ArgumentError(
+            name,
+            f"is given by name, which requires a scene; give one figure, or {count} for the {of}",
+        )
     if value.ndim and len(value) != count:
-        raise ArgumentError(name, f"has {len(value)} entries, and there are {count} {of}")
+        raise ArgumentError(name, f"has {len(value)} entries, but there are {count} {of}")
     return np.broadcast_to(value, (count,))
 
 

@@ -67,7 +67,7 @@ class HoldingChanges:
         lines = [f"it would hold with {change}" for change in self.changes]
         lines = lines or ["no change that was tried makes it hold"]
         if not self.complete:
-            lines.append("the time limit ended the search: other changes may, too")
+            lines.append("the time limit ended the search: other changes may make it hold, too")
         return "\n".join(lines)
 
 
@@ -147,7 +147,7 @@ def _tried_changes(
     acts = (blocks != 0.0).any(axis=1)
     for contact in np.flatnonzero(acts.sum(axis=1) > 1).tolist():
         held = with_joints_held(problem, tau, np.flatnonzero(acts[contact]))
-        words = f"all joints behind contact {contact} under position control"
+        words = f"all joints that act on contact {contact} under position control"
         yield _verified_change((held, tau), words, limits)
 
 

@@ -171,7 +171,7 @@ class UnprovenSet:
         """Return the relaxation and release it: trees have thousands of nodes."""
         relaxation, self.relaxation = self.relaxation, None
         if relaxation is None:
-            raise RuntimeError("a set of outcomes is looked at once")
+            raise RuntimeError("a set of outcomes is searched only once")
         return relaxation
 
     def take_over_slack(self, most: float, relaxation: Relaxation, enough: float) -> bool:

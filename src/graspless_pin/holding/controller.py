@@ -41,8 +41,8 @@ CONSTANT_TORQUES = "constant torques"
 JOINTS_HELD = "joints held in their positions"
 """Name of a controller that keeps positions, in sentences."""
 TORQUES_OF_HELD_JOINTS = (
-    "Joints hold their positions, with whatever torques that takes: those below balance the load, "
-    "and others may; no verdict counts on them."
+    "Joints hold their positions with whatever torques this requires. The torques below balance "
+    "the load, but others may occur; no verdict relies on them."
 )
 """Note on torques that are worked out for joints that keep their positions."""
 _MOST_NAMED = 3
@@ -86,7 +86,7 @@ class Controller:
             if isinstance(given, str) and name == "stiffness":
                 if given not in Feedback.__members__.values():
                     raise ArgumentError(
-                        name, f"found {reprlib.repr(given)}; needs a number, N m/rad, {_WORDS}"
+                        name, f"found {reprlib.repr(given)}; needs a number (N m/rad) {_WORDS}"
                     )
                 kind = Feedback(given)
                 object.__setattr__(self, name, 0.0 if kind is Feedback.TORQUE else kind)
@@ -113,7 +113,7 @@ class Controller:
         raise ArgumentError(
             name,
             f"found {reprlib.repr(given)}; needs a Controller, e.g. Controller(stiffness=2.0), a "
-            f"stiffness of all joints, N m/rad, {_WORDS}",
+            f"stiffness of all joints (N m/rad) {_WORDS}",
         )
 
     @property
@@ -138,7 +138,7 @@ class Controller:
             for key in given if isinstance(given, Mapping) else ():
                 if key not in known:
                     raise ArgumentError(
-                        f"{name}.{key}", f"is no joint or finger; {names_in_words(key, known)}"
+                        f"{name}.{key}", f"is not a joint or finger; {names_in_words(key, known)}"
                     )
 
     def gains(

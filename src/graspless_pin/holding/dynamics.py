@@ -393,8 +393,8 @@ def small_motions_without_scene(
             that does in some rest; the others are no constraints.
     """
     if problem.is_sliding.any():
-        return SmallMotions.not_known("contacts slide as declared")
-    rolls = "how the contacts roll needs a scene with shapes"
+        return SmallMotions.not_known("contacts slide by the declared motion")
+    rolls = "how contacts roll is only known for scenes with shapes"
     basis, moving, _ = no_slip_basis(problem)
     if basis.shape[1]:
         return SmallMotions.not_known(rolls)
@@ -408,7 +408,7 @@ def small_motions_without_scene(
             still, forces, nothing, (*joints.tolist(),), none, none, none, 0.0, nothing
         )
         return SmallMotions(0.0, 0.0, least_growth=0.0, proofs={"any": proof})
-    return SmallMotions.not_known(f"some contacts bear nothing, and {rolls}")
+    return SmallMotions.not_known(f"some contacts carry no load, and {rolls}")
 
 
 def no_slip_basis(

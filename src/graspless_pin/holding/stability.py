@@ -245,8 +245,8 @@ def _blank_verdict(
     if resolution > COARSEST_RESOLUTION:
         raise ArgumentError(
             "acceleration_resolution",
-            f"is {resolution}; it must be at most {COARSEST_RESOLUTION}: what accelerates by more "
-            "of load over mass is not at rest",
+            f"is {resolution}; it must be at most {COARSEST_RESOLUTION}: an object that "
+            "accelerates by a larger share of load over mass is not at rest",
         )
     if time_limit is not None:
         time_limit = real_number("time_limit", time_limit, 0.0)
@@ -291,7 +291,7 @@ def _decided_verdict(blank: StabilityVerdict, limits: Limits) -> StabilityVerdic
     if proof is not None:
         return _strong_verdict(draft, proof)
     if dynamics is None:
-        why = f"undecided: {_rest_words(problem)}; object_inertia and joint_inertia would tell more"
+        why = f"undecided: {_rest_words(problem)}; state object_inertia and joint_inertia, too"
         return replace(draft, message=why)
     return _searched_verdict(draft, dynamics, commanded, limits)
 
@@ -440,7 +440,7 @@ def _partial_rest_forces(
 def _unproven_verdict(draft: StabilityVerdict, limits: Limits, open_sets: str) -> StabilityVerdict:
     motion = "other motion" if draft.problem.is_sliding.any() else "motion"
     why = f"undecided: {_rest_words(draft.problem)}, but {motion} was not ruled out "
-    why += f"({draft.nodes} sets of outcomes looked at, {open_sets})"
+    why += f"({draft.nodes} sets of outcomes examined, {open_sets})"
     most = limits.node_limit or 0
     more = max(_MORE * most, BRIEF_NODE_LIMIT) if draft.nodes >= most else 0
     return replace(draft, next_nodes=more, message=why)
@@ -458,7 +458,9 @@ def _no_rest_verdict(
     problem, torques = draft.problem, draft.torques
     # Written so that NaN is no proof.
     if not residual_lower_bound(problem, torques, proof) > BALANCE_TOLERANCE:
-        return replace(draft, message="undecided: no forces of rest found, and no proof of it")
+        return replace(
+            draft, message="undecided: no forces of rest found, but not proven that none exist"
+        )
     forces = None if dynamics is None else find_motion(dynamics)
     motion, message = None, "loses its motion" if problem.is_sliding.any() else "fails"
     message += f": {'keeping the motion' if problem.is_sliding.any() else 'rest'} is no outcome"
@@ -467,7 +469,7 @@ def _no_rest_verdict(
         draft = replace(draft, programs=draft.programs + result.programs, nodes=result.nodes)
         forces = result.motion
         if result.tree is not None and result.tree.is_empty:
-            message += ", and nothing else is: rubbing contacts jam"
+            message += ", and nothing else is one: sliding contacts jam"
     may_bend = problem.joint_count > 0 and not problem.is_sliding.any()
     if dynamics is not None and forces is None and may_bend:
         forces = _joint_motion_forces(draft, dynamics)

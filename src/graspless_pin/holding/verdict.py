@@ -292,8 +292,8 @@ class StabilityVerdict:
             TypeError: Always.
         """
         raise TypeError(
-            "a verdict has no truth value; compare verdict.status, with Stability.STRONG "
-            "where the object has to stay"
+            "a verdict has no truth value; compare verdict.status with a Stability, such as "
+            "Stability.STRONG if the object has to stay"
         )
 
     @property

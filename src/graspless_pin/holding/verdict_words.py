@@ -60,7 +60,7 @@ def _object_words(verdict: StabilityVerdict) -> str:
         message = f"keeps its motion: nothing else is an outcome (proof: {proof})"
         return message + (feedback if free else "")
     if small is None or small.unknown:
-        why = "not looked at" if small is None else small.unknown
+        why = "not examined" if small is None else small.unknown
         message = f"stays at the first instant; small motions not known: {why} (proof: {proof})"
         return message + (feedback if free else "")
     return _lasting_words(verdict, small, proof) + _assumed_words(small)
@@ -139,7 +139,7 @@ def finger_words(verdict: StabilityVerdict, fingers: Mapping[str, str]) -> str:
     loads = "weight and contact forces" if problem.jacobian[:, moving].any() else "weight"
     rest = f"{_two_digits(float(unbalanced[most])):g} {problem.joint_units[most]}"
     return (
-        f"fails: {moves}: torques do not balance {loads}, {rest} are left over at joint "
+        f"fails: {moves}: torques do not balance {loads}, {rest} are unbalanced at joint "
         f"{problem.joint_names[most]!r}; the object stays in this outcome, which is not proven to "
         "be the only one"
     )

@@ -139,7 +139,9 @@ class Operator:
             return np.broadcast_shapes(*leading)
         except ValueError:
             each = ", ".join(f"{name} {one}" for name, one in zip(names, leading, strict=True))
-            raise ArgumentError("q", f"and others have leading axes that differ: {each}") from None
+            raise ArgumentError(
+                "q", f"its leading axes do not fit those of the others: {each}"
+            ) from None
 
     def optimum(self, figures: Any) -> Optimum:
         """Return (..., F) figures as an `Optimum`."""

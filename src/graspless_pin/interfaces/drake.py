@@ -20,7 +20,7 @@ from graspless_pin.planning.pinned_contacts import Derivatives, PinnedState
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.scene.stated import Motion
 
-with optional_import("programs of Drake need it", "drake", ImportError):
+with optional_import("this interface requires Drake", "drake", ImportError):
     # By name, as what their stubs say of arrays is not what numpy's say.
     _autodiff: Any = import_module("pydrake.autodiffutils")
     _eigen: Any = import_module("pydrake.common.eigen_geometry")
@@ -181,7 +181,7 @@ class PinnedFunctions:
         if len(variables) not in (count, count + 7):
             raise ArgumentError(
                 "variables",
-                f"needs {count} joint positions, and 7 more for the object's pose if that is "
+                f"must have {count} joint positions, and 7 more values if the object's pose is "
                 f"variable, got {len(variables)}",
             )
         return variables[:count], _pose(variables[count:]) if len(variables) > count else None
@@ -239,7 +239,7 @@ def plant_states(evaluator: Evaluator, plant: Any, body: str) -> ToState:
     try:
         index = plant.GetBodyByName(own, *_model_instances(plant, prefix)).index()
     except RuntimeError as error:
-        raise ArgumentError("body", f"{body!r} is none of the plant's: {error}") from None
+        raise ArgumentError("body", f"{body!r} is not a body of the plant: {error}") from None
     _check_links(plant, evaluator, joints)
     plants = {False: (plant, plant.CreateDefaultContext())}
 
@@ -263,10 +263,14 @@ def _plant_joint(plant: Any, name: str) -> Any:
     try:
         joint = plant.GetJointByName(joint_name, *_model_instances(plant, prefix))
     except RuntimeError as error:
-        raise ArgumentError("plant", f"lacks the scene's joint {name!r}: {error}") from None
+        raise ArgumentError(
+            "plant", f"has no joint {name!r}, which the scene has: {error}"
+        ) from None
     if joint.num_positions() != 1:
         count = joint.num_positions()
-        raise ArgumentError("plant", f"has {count} positions of joint {name!r}, the scene has 1")
+        raise ArgumentError(
+            "plant", f"has {count} positions of joint {name!r}, but the scene has 1"
+        )
     return joint
 
 
@@ -292,7 +296,10 @@ def _check_links(plant: Any, evaluator: Evaluator, joints: Mapping[str, Any]) ->
     steps = np.linspace(0.1, 0.2, len(q)) * np.where(upper - q > q - lower, 1.0, -1.0)  # rad or m
     for values, hint in (
         (q, "weld the hand's base at scene.hand.T_world_base"),
-        (np.clip(q + steps, lower, upper), "there it is with all joints as in the scene"),
+        (
+            np.clip(q + steps, lower, upper),
+            "with all joints as in the scene it is there: check the axes of the joints",
+        ),
     ):
         hand = hand.with_configuration(dict(zip(joints, values.tolist(), strict=True)))
         positions = plant.GetPositions(context)
@@ -307,8 +314,8 @@ def _check_links(plant: Any, evaluator: Evaluator, joints: Mapping[str, Any]) ->
                 if off.max() > _LINK_OFF:
                     raise ArgumentError(
                         "plant",
-                        f"has link {link!r} {np.linalg.norm(off[:, 3]):.3g} m from where the scene "
-                        f"has it, or turned; {hint}",
+                        f"has link {link!r} {np.linalg.norm(off[:, 3]):.3g} m away from its pose "
+                        f"in the scene, or rotated; {hint}",
                     )
 
 
@@ -317,7 +324,9 @@ def _pose(variables: Any) -> Any:
     number = _autodiff.AutoDiffXd if variables.dtype == object else float
     length = np.sqrt(variables[:4] @ variables[:4])
     if not length > 0.0:
-        raise ArgumentError("variables", "have a quaternion of no direction; guess the pose")
+        raise ArgumentError(
+            "variables", "have a zero quaternion; give an initial guess of the pose"
+        )
     wxyz = variables[:4] / length
     turn = _eigen.Quaternion_[number](wxyz)
     return _math.RigidTransform_[number](turn, variables[4:]).GetAsMatrix4()

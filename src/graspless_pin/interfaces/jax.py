@@ -16,7 +16,7 @@ from graspless_pin.interfaces.differentiable import Operator, Optimum
 from graspless_pin.planning.evaluator import Evaluator
 from graspless_pin.scene.stated import Motion
 
-with optional_import("operators of JAX need it", "jax", ImportError):
+with optional_import("this interface requires JAX", "jax", ImportError):
     jax: Any = import_module("jax")  # by name: type checkers take this file for it
     jnp: Any = import_module("jax.numpy")
 

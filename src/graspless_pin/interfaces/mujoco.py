@@ -49,7 +49,7 @@ def object_of(state: ModelState) -> ManipulatedObject:
     masses, R = model.body_mass[bodies], T[:3, :3]
     geoms = state.touching_geoms(state.in_object)
     if not (masses.sum() > 0.0 and geoms):
-        missing = "mass" if geoms else "geom that touches anything (contype, conaffinity)"
+        missing = "mass" if geoms else "geom that can touch anything (contype, conaffinity)"
         raise SceneError(f"{state.source.path}: the object {name!r} has no {missing}; give it one")
     center = masses @ data.xipos[bodies] / masses.sum()
     inertia = np.zeros((3, 3))
@@ -113,8 +113,8 @@ def supports_of(state: ModelState, friction: PairFriction) -> tuple[Support, ...
         name = _unique_name(name, taken)
         supports.append(Support(name, shape, state.pose_of(body) @ T, friction=mu))
     for name in dict.fromkeys(source.body(body) for body, *_ in groups if model.body_weldid[body]):
-        message = f"body {name!r} can move in MuJoCo, and is a support here"
-        state.emit(name, message, "what is said holds as long as it stands still")
+        message = f"body {name!r} can move in MuJoCo, but is a fixed support here"
+        state.emit(name, message, "results are only valid as long as it stands still")
     return tuple(supports)
 
 
@@ -163,13 +163,13 @@ def _emit_pose_differences(state: ModelState, hand: Hand) -> None:
     }
     name = max(differences, key=lambda link: differences[link], default="")
     if name and differences[name] > _LINK_OFF:
-        state.emit(name, f"link {name!r} is {1e3 * differences[name]:.2g} mm or mrad from where "
-              "MuJoCo has it", "its joints are past their limits, or do not follow the joints "
+        state.emit(name, f"link {name!r} is {1e3 * differences[name]:.2g} mm or mrad away from its "
+              "pose in MuJoCo", "its joints exceed their limits, or do not follow the joints "
               "that they are coupled to")  # fmt: skip
     if state.hand and state.is_free(state.hand):
         name = source.body(state.hand)
         state.emit(name, f"body {name!r}, the hand's base, has a free joint",
-              "the hand is held where it is")  # fmt: skip
+              "here the base is fixed where it is")  # fmt: skip
 
 
 def friction_of_links(state: ModelState, friction: PairFriction) -> dict[str, float]:
@@ -183,12 +183,12 @@ def friction_of_links(state: ModelState, friction: PairFriction) -> dict[str, fl
         each = [friction.smallest_coefficient(geom) for geom in geoms]
         known = [mu for mu in each if mu is not None]
         if len(known) < len(each):
-            state.emit(name, f"MuJoCo lets no geom of the object touch {len(each) - len(known)}"
-                  f" of the geoms of {name!r}", "here all of them touch")  # fmt: skip
+            state.emit(name, f"in MuJoCo no geom of the object can touch {len(each) - len(known)}"
+                  f" of the geoms of {name!r}", "here all of them can touch it")  # fmt: skip
         if len(set(known)) > 1:
             state.emit(name, f"the geoms of {name!r} have the coefficients of friction "
                   f"{', '.join(f'{mu:g}' for mu in sorted(set(known)))} against the object",
-                  "the smallest counts")  # fmt: skip
+                  "the smallest is used")  # fmt: skip
         by_link[name] = min(known, default=0.0)
     values = set(by_link.values())
     return {"hand": values.pop()} if len(values) == 1 else by_link
@@ -206,7 +206,7 @@ def own_weight_counts(state: ModelState) -> bool:
     compensated = share[heavy] == 1.0
     if len(compensated) and not compensated.all() and (share[heavy] != 0.0).any():
         name = source.body(int(np.flatnonzero(heavy & (share != 0.0))[0]))
-        state.emit(name, f"body {name!r} has gravcomp, and others of the hand have not",
+        state.emit(name, f"body {name!r} has gravcomp, but not all of the hand's weight has",
               "the weight of all links counts here")  # fmt: skip
     return not (len(compensated) and compensated.all())
 
@@ -218,10 +218,10 @@ def loads_of(state: ModelState) -> tuple[Load, ...]:
     for body in np.flatnonzero(applied.any(axis=1) & ~state.in_object).tolist():
         name = source.body(body)
         state.emit(name, f"xfrc_applied pushes body {name!r}",
-              "it is left out: loads are on the object")  # fmt: skip
+              "it is ignored: only loads on the object count")  # fmt: skip
     if data.qfrc_applied.any():
         state.emit("qfrc_applied", "qfrc_applied has forces",
-              "they are left out: state them as loads")  # fmt: skip
+              "they are ignored: state them as loads")  # fmt: skip
     bodies = np.flatnonzero(state.in_object)
     if not applied[bodies].any():
         return ()
@@ -244,7 +244,7 @@ def emit_equalities(state: ModelState) -> None:
         if state.in_object[list(ends)].any():
             name = model.equality(index).name or f"no. {index + 1}"
             state.emit(name, f"the equality {name!r} holds the object",
-                  "it is left out: contacts and loads alone hold it here")  # fmt: skip
+                  "it is ignored: only contacts and loads act on it here")  # fmt: skip
 
 
 def emit_options(state: ModelState) -> None:
@@ -260,7 +260,7 @@ def emit_options(state: ModelState) -> None:
     for name, (is_set, message) in settings.items():
         if is_set:
             state.emit(name, f"{message} ({name})",
-                    "it is left out: contacts and motors count as they are given")  # fmt: skip
+                    "this is ignored: contacts and motors count as they are given")  # fmt: skip
 
 
 def _unique_name(name: str, taken: set[str]) -> str:

@@ -25,7 +25,7 @@ def read_source(source: Any) -> MjcfSource:
     """Return the source read from the path of an MJCF, a ``MjSpec`` or a ``MjModel``."""
     if isinstance(source, str) and source.lstrip().startswith("<"):
         raise ArgumentError(
-            "source", "is MJCF itself, not its path; give mujoco.MjSpec.from_string of it"
+            "source", "is the text of an MJCF, not its path; give mujoco.MjSpec.from_string(text)"
         )
     if isinstance(source, str | Path):
         return read_mjcf(Path(source), keyframes=True)
@@ -113,12 +113,14 @@ class ModelState:
         model, count = self.model, self.model.nkey
         if data is not None:
             if keyframe is not None:
-                raise ArgumentError("keyframe", "is given beside data; give one of them")
+                raise ArgumentError(
+                    "keyframe", "is not supported together with data; give one of them"
+                )
             if not isinstance(data, type(self.data)):
                 raise ArgumentError("data", f"is {data!r:.80}; it must be the model's MjData")
             if data.qpos.shape != self.data.qpos.shape or len(data.xpos) != model.nbody:
                 raise ArgumentError(
-                    "data", f"has {len(data.qpos)} coordinates and the model {model.nq}; give "
+                    "data", f"has {len(data.qpos)} coordinates, but the model has {model.nq}; give "
                     "the data of this model"
                 )  # fmt: skip
             for name in ("qpos", "mocap_pos", "mocap_quat", "xfrc_applied", "qfrc_applied"):
@@ -128,8 +130,8 @@ class ModelState:
         if keyframe is None:
             if count > 1:
                 raise ArgumentError(
-                    "keyframe", f"the file has {', '.join(map(repr, names))}; name one of them, or "
-                    "give data"
+                    "keyframe", f"the file has {', '.join(map(repr, names))}; give one of these "
+                    "keyframes, or data"
                 )  # fmt: skip
             if not count:
                 return
@@ -178,9 +180,9 @@ class ModelState:
             if not all(self.is_free(body) for body in jointed):
                 self.emit(
                     "hand",
-                    "no joint has a motor, so the scene has no hand, and no torque counts",
+                    "no joint has a motor, so the scene has no hand and no joint torques",
                     "add motors under <actuator>, or name the hand's first body as hand_body and "
-                    "give effort_limits; without, what has joints stands still as supports",
+                    "give effort_limits; otherwise bodies with joints are fixed supports",
                     FindingCode.NO_MOTORS,
                 )
             return None, np.zeros(count, dtype=bool)
@@ -202,8 +204,8 @@ class ModelState:
                 return free[0]
             found = f"has the free bodies {', '.join(free_names)}" if free else "has no free body"
             raise ArgumentError(
-                "object_body", f"{self.source.path} {found}; name the object, which needs a "
-                "free joint to the world"
+                "object_body", f"{self.source.path} {found}; name the object's body, which must "
+                "have a free joint to the world"
             )  # fmt: skip
         if name not in names:
             raise unknown_name("object_body", "body", name, free_names)
@@ -236,7 +238,7 @@ class ModelState:
             listed = ", ".join(repr(source.joint(joint)) for joint in inside)
             raise SceneError(
                 f"{source.path}: the object {source.body(self.object)!r} has joints inside "
-                f"({listed}), and an object is rigid; fix them"
+                f"({listed}), but an object must be rigid; remove these joints"
             )
 
 
@@ -269,7 +271,7 @@ class PairFriction:
             self._state.emit(
                 name,
                 f"the object's geoms have the coefficients of friction {figures} against {name!r}",
-                "the smallest counts",
+                "the smallest is used",
             )
         if self._beyond_sliding:
             names = sorted(self._beyond_sliding)
@@ -277,7 +279,7 @@ class PairFriction:
                 ", ".join(names),
                 f"contacts with {first_of(names, _MOST_NAMED)} have torsional or rolling "
                 "friction (condim above 3)",
-                "sliding friction alone counts",
+                "only sliding friction is used",
             )
 
     def _pair_coefficient(self, geom: int, own: int) -> float | None:

@@ -24,7 +24,7 @@ from graspless_pin.planning.edges import RESOLUTION, required_margin
 from graspless_pin.planning.evaluator import Evaluator
 from graspless_pin.problem.checks import FloatArray, real_number, unknown_name
 
-with optional_import("planning with OMPL needs it", "ompl", ImportError):
+with optional_import("this interface requires OMPL", "ompl", ImportError):
     from ompl import base
 
 __all__ = ["EvaluatedSpace", "MarginShortfall", "SmallestMargin", "attach_evaluator", "joint_space"]
@@ -282,8 +282,8 @@ def attach_evaluator(
     if to_state is None and values != joints:
         raise ArgumentError(
             "to_state",
-            f"is needed: a state of the space has {values} values and the evaluator {joints} "
-            "joints; give a function from a state to (q, T_world_object)",
+            f"is required, as a state of the space has {values} values, but the evaluator has "
+            f"{joints} joints; give a function from a state to (q, T_world_object)",
         )
     space = EvaluatedSpace(
         information,
@@ -324,7 +324,7 @@ def joint_space(evaluator: Evaluator, joints: Sequence[str] | None = None) -> An
         )
         if not (np.isfinite(low) and np.isfinite(high)):
             raise ArgumentError(
-                "joints", f"joint {name!r} has no limits; make a space with your own"
+                "joints", f"joint {name!r} has no limits; create a space with bounds of your own"
             )
         bounds.setLow(place, low)
         bounds.setHigh(place, high)

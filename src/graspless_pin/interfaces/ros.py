@@ -86,7 +86,9 @@ def waypoints_from_trajectory(
     if isinstance(stay, str) or not isinstance(stay, Sequence):
         raise ArgumentError("stay", f"is {stay!r}; give a list of joint names")
     if trajectory is None and object_poses is None:
-        raise ArgumentError("trajectory", "is None, and so is object_poses; give one of them")
+        raise ArgumentError(
+            "trajectory", "is None, and so is object_poses; give at least one of them"
+        )
     waypoints: list[Waypoint] = []
     if trajectory is not None:
         waypoints = _joint_waypoints(scene, _joint_trajectory(_read_message(trajectory)), stay)
@@ -103,14 +105,15 @@ def waypoints_from_trajectory(
     if len(poses) != len(waypoints):
         raise ArgumentError(
             "object_poses",
-            f"has {len(poses)} poses and the trajectory {len(waypoints)} points; give one for each",
+            f"has {len(poses)} poses, but the trajectory has {len(waypoints)} points; give one "
+            "pose for each point",
         )
     for k, (one, time) in enumerate(zip(waypoints, times or (), strict=False)):
         if abs(time - (one.time or 0.0)) > _SAME_TIME:
             raise ArgumentError(
                 "object_poses",
-                f"point {k} is at {time:g} s, and that of the joints at {one.time:g} s; sample "
-                "both at the same times",
+                f"point {k} is at {time:g} s, but point {k} of the joints is at {one.time:g} s; "
+                "sample both at the same times",
             )
     return [replace(one, T_world_object=T) for one, T in zip(waypoints, poses, strict=True)]
 
@@ -149,7 +152,7 @@ def pose_from_message(message: Any, name: str = "pose") -> FloatArray:
     if abs(length - 1.0) > _NORM_ERROR:
         raise ArgumentError(
             f"{name}.{keys[1]}",
-            f"has the length {length:g}; a quaternion x, y, z, w of a rotation has 1",
+            f"has the norm {length:g}; the quaternion (x, y, z, w) of a rotation must have norm 1",
         )
     T = np.eye(4)
     T[:3, :3] = Rotation.from_quat(parts[1]).as_matrix()
@@ -165,8 +168,8 @@ def _joint_trajectory(message: Any) -> Any:
         other = "multi_dof_joint_trajectory"
         if _has(message, other) and len(_field(_field(message, other, ""), "joint_names", other)):
             raise ArgumentError(
-                "trajectory", f"has a {other}, too; pass its joint_trajectory, and the other one "
-                "as object_poses if it is the object's"
+                "trajectory", f"has a {other}, too; pass its joint_trajectory, and the {other} "
+                "as object_poses if it is that of the object"
             )  # fmt: skip
         return _field(message, "joint_trajectory", "trajectory")
     inner = _field(message, "trajectory", "trajectory") if _has(message, "trajectory") else None
@@ -181,19 +184,19 @@ def _joint_waypoints(scene: Scene, message: Any, stay: Sequence[str]) -> list[Wa
     """Return a waypoint with time and joints for each point."""
     hand = scene.hand
     if hand is None:
-        raise ArgumentError("trajectory", f"moves joints, and the scene {scene.name!r} has no hand")
+        raise ArgumentError("trajectory", f"moves joints, but the scene {scene.name!r} has no hand")
     names = [str(name) for name in _field(message, "joint_names", "trajectory")]
     _check_joint_names(hand, names, stay)
     points = list(_field(message, "points", "trajectory"))
     if not points:
-        raise ArgumentError("trajectory.points", "is empty; a trajectory has at least one")
+        raise ArgumentError("trajectory.points", "is empty; give at least one point")
     places, table = [f"trajectory.points[{k}]" for k in range(len(points))], []
     for where, point in zip(places, points, strict=True):
         row = list(_field(point, "positions", where))
         if len(row) != len(names):
             raise ArgumentError(
                 f"{where}.positions",
-                f"has {len(row)} numbers and joint_names {len(names)}; give one for each joint",
+                f"has {len(row)} numbers, but joint_names has {len(names)}; give one for each",
             )
         table.append(finite_array(f"{where}.positions", row, (len(names),)))
     in_degrees = _degrees_advice(hand, names, np.array(table))
@@ -208,7 +211,7 @@ def _joint_waypoints(scene: Scene, message: Any, stay: Sequence[str]) -> list[Wa
         by_joint = {joint: float(q[hand.tree.joint_index[joint]]) for joint in hand.control.joints}
         waypoints.append(Waypoint(q=by_joint, time=_time_from_start(point, where)))
     if in_degrees:
-        message = f"angles of the trajectory are more than a turn, {MOST_ANGLE:.4g} rad"
+        message = f"angles of the trajectory exceed a full turn, {MOST_ANGLE:.4g} rad"
         emit(Finding(FindingCode.ANGLE_IN_DEGREES, "trajectory", message, in_degrees))
     return waypoints
 
@@ -243,7 +246,7 @@ def _check_joint_names(hand: Hand, names: list[str], stay: Sequence[str]) -> Non
     if missing:
         listed = ", ".join(map(repr, missing))
         raise ArgumentError(
-            where, f"does not name {listed}; add them, or give those that stay as stay=[...]"
+            where, f"does not name {listed}; add them, or list those that do not move in stay=[...]"
         )
 
 
@@ -252,14 +255,17 @@ def _times_and_poses(message: Any) -> tuple[list[float], list[FloatArray]]:
     names = list(_field(message, "joint_names", "object_poses"))
     if len(names) != 1:
         raise ArgumentError(
-            "object_poses.joint_names", f"names {names}; the object is one, so give one joint"
+            "object_poses.joint_names",
+            f"has {names}; it must have one name, as there is one object",
         )
     times, poses = [], []
     for k, point in enumerate(_field(message, "points", "object_poses")):
         where = f"object_poses.points[{k}]"
         transforms = list(_field(point, "transforms", where))
         if len(transforms) != 1:
-            raise ArgumentError(f"{where}.transforms", f"has {len(transforms)} of them; give one")
+            raise ArgumentError(
+                f"{where}.transforms", f"has {len(transforms)} transforms; give one"
+            )
         poses.append(pose_from_message(transforms[0], f"{where}.transforms[0]"))
         times.append(_time_from_start(point, where))
     return times, poses

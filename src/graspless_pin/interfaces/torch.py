@@ -15,7 +15,7 @@ from graspless_pin.interfaces.differentiable import Operator, Optimum
 from graspless_pin.planning.evaluator import Evaluator
 from graspless_pin.scene.stated import Motion
 
-with optional_import("operators of PyTorch need it", "torch", ImportError):
+with optional_import("this interface requires PyTorch", "torch", ImportError):
     torch: Any = import_module("torch")  # by name: type checkers take this file for it
 
 __all__ = ["optimum"]

@@ -400,7 +400,9 @@ def feasible_modes(
     def is_feasible(requirements: Sequence[Requirement]) -> bool:
         nonlocal asked
         if is_over(asked):
-            raise OverrunError(f"the limit ended the listing after {asked} partial modes")
+            raise OverrunError(
+                f"a limit ended the enumeration of modes after {asked} partial modes"
+            )
         asked += 1
         return kinematics.feasible(requirements, rules.sign)
 

@@ -116,8 +116,8 @@ class Rules:
         if self.by_direction:
             raise ArgumentError(
                 "sign_rule",
-                f"is 'direction', but {what} needs the signs of a mode; ask for "
-                "'strict', 'exact' or 'nonzero'",
+                f"is 'direction', but {what} requires modes with signs; use 'strict', 'exact' or "
+                "'nonzero'",
             )
 
     def options(self) -> RuleOptions:
@@ -167,7 +167,9 @@ class SlidingMode:
         if stray.any():
             index = int(np.argmax(stray))
             raise ArgumentError(
-                "signs", f"is {values[index].tolist()} at index {index}, which is not selected"
+                "signs",
+                f"is {values[index].tolist()} at index {index}, which is not selected; it must be "
+                "[0, 0] there",
             )
         object.__setattr__(self, "selection", read_only(chosen))
         object.__setattr__(self, "signs", read_only(values.astype(np.int8)))

@@ -96,7 +96,7 @@ class AttachedConfigurations(Configurations):
         """The hand as it is in the scene."""
         hand = self.scene.hand
         if hand is None:
-            raise ArgumentError("attached_to", "the scene has no hand that could carry its object")
+            raise ArgumentError("attached_to", "requires a hand, but the scene has none")
         return hand
 
     def _carrier_joint(self, link: str) -> int:
@@ -107,8 +107,8 @@ class AttachedConfigurations(Configurations):
         if joint == 0:
             raise ArgumentError(
                 "attached_to",
-                f"link {link!r} stands still, whatever the joints do; name the link that the "
-                "fingers are on",
+                f"link {link!r} does not move with any joint; name the link that carries the "
+                "fingers",
             )
         return joint
 
@@ -119,8 +119,8 @@ class AttachedConfigurations(Configurations):
         for joint in behind[follows].tolist():
             raise ArgumentError(
                 "attached_to",
-                f"joint {names[joint]!r}, which is behind link {self.link!r}, follows one that is "
-                "not: the hand would not hold the object in the same way in all states",
+                f"joint {names[joint]!r}, which link {self.link!r} carries, follows a joint before "
+                "this link: the grip would change with the state; name another link",
             )
 
     def _refuse_motion(self) -> None:
@@ -128,8 +128,8 @@ class AttachedConfigurations(Configurations):
         if motion is not None and (motion.object_twist.any() or motion.hand is not None):
             raise ArgumentError(
                 "attached_to",
-                "the scene declares a motion, and an object that moves with a link rests in the "
-                "hand; take the scene with motion=None",
+                "the scene declares a motion, but an object that moves with a link is at rest in "
+                "the hand; use scene.with_changes(motion=None)",
             )
 
     def _carried_contacts(self) -> ContactArrays:
@@ -141,13 +141,13 @@ class AttachedConfigurations(Configurations):
                 raise ArgumentError(
                     "attached_to",
                     f"support {name!r} touches the object and does not move with link "
-                    f"{self.link!r}; start where the hand alone holds the object",
+                    f"{self.link!r}; start where only the hand touches the object",
                 )
             if not tree.supports[tree.link_joints[name], self.joint - 1]:
                 raise ArgumentError(
                     "attached_to",
                     f"link {name!r} touches the object and does not move with link {self.link!r}; "
-                    "name a link that carries all that touches the object",
+                    "name a link that carries all links that touch the object",
                 )
         return touching
 
@@ -162,8 +162,8 @@ class AttachedConfigurations(Configurations):
             if given is not None:
                 raise ArgumentError(
                     name,
-                    f"the object moves with link {self.link!r} (attached_to): q alone tells where "
-                    "it is, and it rests in the hand; leave it out",
+                    f"is not supported, as the object moves with link {self.link!r} (attached_to) "
+                    "and q alone determines its pose and motion; leave it out",
                 )
         scene = self.scene
         if q is None:
@@ -210,8 +210,8 @@ class AttachedConfigurations(Configurations):
             if name in self.fixed_joints:
                 raise ArgumentError(
                     "q",
-                    f"joint {name!r} holds the object, which moves with link {self.link!r} "
-                    "(attached_to), and stays as it is in the scene; leave it out",
+                    f"joint {name!r} belongs to the grip of the object, which moves with link "
+                    f"{self.link!r} (attached_to), and stays as it is in the scene; leave it out",
                 )
         return super()._named_positions(q)
 

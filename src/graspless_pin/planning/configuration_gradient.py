@@ -106,8 +106,8 @@ def problem_rates(
     if scene.acceleration is not None and not scene.acceleration.is_translation:
         raise ArgumentError(
             "evaluation",
-            "is of a scene whose acceleration turns or moves joints: inertial forces change with "
-            "the joints in ways that are not known; leave it out, or let it be 'linear' alone",
+            "is of a scene whose acceleration is not only 'linear': derivatives of the inertial "
+            "forces by the joints are not available; state 'linear' only, or no acceleration",
         )
     arrays, hand = scene.contacts.arrays, scene.hand
     normals, (moves, turns, center, turning) = arrays.normals, contacts
@@ -283,21 +283,21 @@ def configuration_gradient(
     rule = choice(Follows, "follows", follows)
     scene = evaluation.scene
     if not evaluation.found:
-        raise NoSolutionError(f"This state has no torques ({evaluation.reason}); nothing changes.")
+        raise NoSolutionError(f"This state has no torques ({evaluation.reason}), so no gradient.")
     if scene.hand is None:
         raise ArgumentError("evaluation", "is of a scene without a hand: no joint can move")
     if evaluation.robust is not None:
         raise ArgumentError(
             "evaluation",
-            "is of an evaluator with an uncertainty, which has no gradients by the joints; leave "
-            "the uncertainty out",
+            "is of an evaluator with an uncertainty, for which gradients by the joints are not "
+            "available; leave the uncertainty out",
         )
     problem = evaluation.solution.problem
     if problem.is_sliding.any() and not problem.cone_model.is_coulomb:
         raise ArgumentError(
             "evaluation",
-            f"has contacts that slide with the cone {problem.cone!r}; how their friction turns "
-            "with the joints is known of Coulomb's law alone",
+            f"has sliding contacts with the cone {problem.cone!r}; for these, gradients by the "
+            "joints require Coulomb's law ('edges' or 'round')",
         )
     data = optimum_gradients(evaluation.solution)
     columns = JointColumns(scene.hand)

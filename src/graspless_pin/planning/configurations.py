@@ -95,7 +95,7 @@ def pins_of(scene: Scene, entries: Sequence[PinEntry]) -> tuple[Pin, ...]:
 
 def _pins_of_entry(scene: Scene, name: str, entry: PinEntry) -> list[Pin]:
     if isinstance(entry, str) or not np.iterable(entry) or len(entry) not in (2, 3):
-        raise ArgumentError(name, f"needs two bodies and perhaps a direction, got {entry!r}")
+        raise ArgumentError(name, f"needs two bodies and optionally a direction, got {entry!r}")
     own, links = scene.object.name, _link_names(scene)
     known = [own, *links, *(support.name for support in scene.supports)]
     bodies = [own if body == "object" else str(body) for body in entry[:2]]
@@ -103,11 +103,13 @@ def _pins_of_entry(scene: Scene, name: str, entry: PinEntry) -> list[Pin]:
         if body not in known:
             raise unknown_name(name, "body", body, known)
     if bodies.count(own) != 1:
-        raise ArgumentError(name, f"pairs {bodies}; one of the two has to be the object, {own!r}")
+        raise ArgumentError(
+            name, f"pairs {bodies}; exactly one of them must be the object, {own!r}"
+        )
     first, second = bodies
     for body in (first, second):
         if not _placed_shapes(scene, body)[0]:
-            raise ArgumentError(name, f"{body!r} has no collision shape")
+            raise ArgumentError(name, f"{body!r} has no collision shape; give it one")
     plane = None
     if len(entry) == 3:
         plane = face_along(name, *_placed_shapes(scene, second), unit_vector(name, entry[2]))

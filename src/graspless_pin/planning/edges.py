@@ -79,12 +79,12 @@ class StateValidity(Brief):
             lines.append(f"margin {self.margin:.4g} N")
         if self.closest:
             names = " and ".join(map(repr, self.closest))
-            lines.append(f"clearance {1e3 * self.clearance:.2f} mm, {names}")
+            lines.append(f"clearance {1e3 * self.clearance:.2f} mm between {names}")
         if len(self.joint_names):
             nearest = int(np.argmin(self.joint_distances))
             lines.append(
                 f"joint {self.joint_names[nearest]!r} is nearest to its limits, "
-                f"{self.joint_distances[nearest]:.4g} {self.joint_units[nearest]}"
+                f"distance {self.joint_distances[nearest]:.4g} {self.joint_units[nearest]}"
             )
         return "\n".join(lines)
 
@@ -114,7 +114,7 @@ def state_validity(
     if problem is not None:
         margin, status = solver.margin_of(scene, problem, required)
         if status is StateStatus.BELOW_MARGIN:
-            text = f"the largest margin is {margin:.4g} N, below the {required:.4g} N asked for"
+            text = f"the largest margin is {margin:.4g} N, below the required {required:.4g} N"
             faults.append((status, text))
         elif status is not StateStatus.FOUND:
             faults.append((status, status.message))
@@ -326,7 +326,9 @@ class Edge:
         self._screw = ScrewMotion.between(T0, T1, moved.center_of_mass)
         steps = finite_array("resolution", resolution, (2,))
         if (steps <= 0.0).any():
-            raise ArgumentError("resolution", f"needs two positive numbers, m and rad: {steps}")
+            raise ArgumentError(
+                "resolution", f"is {steps}; it must be two positive numbers, m and rad"
+            )
         units = np.where(np.array(at.joint_units) == "m", *steps) if at.joint_units else 1.0
         shares = np.concatenate([np.array(self._screw.lengths) / steps, np.abs(self._move) / units])
         self._count = math.ceil(shares.max() / _COARSE_STEP)

@@ -147,7 +147,8 @@ class Evaluator:
             at = AttachedConfigurations(scene, attached_to)
         else:
             raise ArgumentError(
-                "pins", "are given beside attached_to, whose contacts move with the link; give one"
+                "pins",
+                "are not supported together with attached_to, which moves contacts; give one",
             )
         at = at if position_limits else at.without_limits
         if uncertainty is None or uncertainty is False:
@@ -201,7 +202,7 @@ class Evaluator:
         epsilon = real_number("regularization", regularization, 0.0)
         objective = self._solver.objective.with_figure("regularization", epsilon)
         if objective.regularization != epsilon:
-            raise ArgumentError("regularization", f"is none of the figures of {objective.name!r}")
+            raise ArgumentError("regularization", f"has no effect with {objective.name!r}")
         changed._solver = self._solver.with_objective(objective)
         return changed
 

@@ -114,14 +114,14 @@ def checked_states(at: Configurations, q: Any, T_world_object: Any, twist: Any) 
     if not each:
         raise ArgumentError(
             "q",
-            f"give q (K, {joint_count}) in the order of `joint_names` or K mappings from them, "
-            "T_world_object (K, 4, 4) or twist (K, 6) for K states",
+            f"no states are given; for K states give q, (K, {joint_count}) in the order of "
+            "`joint_names` or K mappings from them, T_world_object (K, 4, 4) or twist (K, 6)",
         )
     first, count = next((name, len(values)) for name, values in each.items())
     for name, values in each.items():
         if len(values) != count:
             raise ArgumentError(
-                name, f"has {len(values)} states and {first} has {count}; give as many of each"
+                name, f"has {len(values)} states, but {first} has {count}; give equal numbers"
             )
     _check_rigid(each.get("T_world_object", np.empty((0, 4, 4))))
     return StateArrays(count, each, common)
@@ -329,7 +329,7 @@ def evaluated_states(
 ) -> EvaluatedStates:
     """Return the results of states: see `Evaluator.evaluate_many`."""
     if not np.iterable(kept):
-        raise ArgumentError("evaluations", f"needs the numbers of states, got {kept!r:.60}")
+        raise ArgumentError("evaluations", f"must be a list of indices of states, got {kept!r:.60}")
     whole = [whole_number("evaluations", number, 0, states.total - 1) for number in kept]
     columns = possible_columns(solver.configurations.scene.hand)
     names = tuple(columns)

@@ -136,8 +136,8 @@ class PathProfile(Brief):
                 for verb, names in (
                     ("gains", change.gained),
                     ("loses", change.lost),
-                    ("begins to slide on", change.starts_sliding),
-                    ("ceases to slide on", change.stops_sliding),
+                    ("starts to slide on", change.starts_sliding),
+                    ("stops sliding on", change.stops_sliding),
                 )
                 if names
             ]
@@ -190,14 +190,14 @@ def evaluate_path(
     if evaluator.attached_to is not None:
         raise ArgumentError(
             "evaluator",
-            f"its object moves with link {evaluator.attached_to!r} and slides nowhere; give the "
-            "path's configurations to its evaluate_many",
+            f"is attached_to link {evaluator.attached_to!r}, which paths do not support; call its "
+            "evaluate_many with the path's configurations",
         )
     evaluator = evaluator.with_regularization(regularization)
     if isinstance(waypoints, Mapping | str) or not np.iterable(waypoints):
-        raise ArgumentError("waypoints", f"needs a list of them, got {waypoints!r:.60}")
+        raise ArgumentError("waypoints", f"must be a list of waypoints, got {waypoints!r:.60}")
     if not len(waypoints):
-        raise ArgumentError("waypoints", "is empty; a path has at least one")
+        raise ArgumentError("waypoints", "is empty; give at least one")
     waypoints = [item if isinstance(item, Waypoint) else Waypoint(item) for item in waypoints]
     times = _waypoint_times(waypoints)
     own = evaluator.scene.object.T_world_object
@@ -245,7 +245,7 @@ def _waypoint_times(waypoints: Sequence[Waypoint]) -> FloatArray:
     if len(given) < len(waypoints):
         raise ArgumentError(
             "waypoints",
-            f"{len(given)} of {len(waypoints)} have a time; give one to all of them or to none",
+            f"{len(given)} of {len(waypoints)} have a time; give times for all of them or none",
         )
     times = finite_array("waypoints", given, (len(given),)).copy()
     steps = np.diff(times)
@@ -253,7 +253,7 @@ def _waypoint_times(waypoints: Sequence[Waypoint]) -> FloatArray:
         k = int(np.argmax(steps <= 0.0))
         raise ArgumentError(
             "waypoints",
-            f"have the times {times[k]:g} and {times[k + 1]:g} s at {k} and {k + 1}; times must "
+            f"{k} and {k + 1} have the times {times[k]:g} and {times[k + 1]:g} s; times must "
             "increase",
         )
     return times

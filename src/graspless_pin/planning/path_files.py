@@ -70,13 +70,13 @@ def read_path_csv(path: str | Path) -> tuple[Waypoint, ...]:
     except OSError as error:
         raise ArgumentError("path", f"cannot read '{path}': {error.strerror}") from error
     except (ValueError, csv.Error) as error:
-        raise ArgumentError("path", f"'{path}' is no table of comma-separated text") from error
+        raise ArgumentError("path", f"'{path}' is not a table of comma-separated values") from error
     names = [name.strip() for name in header]
     for separator, word in _SEPARATORS.items():
         if len(names) == 1 and separator in header[0]:
             raise ArgumentError(
-                "path", f"'{path}' has {word} between its columns; write commas, and points in "
-                "numbers (0.5)"
+                "path", f"'{path}' has {word} between its columns; separate columns by commas, and "
+                "write decimal points (0.5)"
             )  # fmt: skip
     _check_columns(path, names)
     joints = _joint_columns(path, names)
@@ -84,19 +84,21 @@ def read_path_csv(path: str | Path) -> tuple[Waypoint, ...]:
     if not wanted:
         raise ArgumentError(
             "path",
-            f"'{path}' has the columns {', '.join(names)}; needs {_TIME}, {_POSE[0]} and the other "
-            f"six of the pose, or {_JOINT}<joint>_rad",
+            f"'{path}' has the columns {', '.join(names)}; it must have {_TIME}, the seven columns "
+            f"of the pose ({', '.join(_POSE)}), or {_JOINT}<joint>_rad",
         )
     has_pose = any(name in names for name in _POSE)
     if has_pose and (missing := [name for name in _POSE if name not in names]):
-        raise ArgumentError("path", f"'{path}' has no column {', '.join(missing)} of the pose")
+        raise ArgumentError(
+            "path", f"'{path}' has no column {', '.join(missing)}; give all seven of the pose"
+        )
     cells = [
         {name: _cell_number(path, line, name, names, row) for name in wanted}
         for line, row in enumerate(rows, 2)
         if row
     ]
     if not cells:
-        raise ArgumentError("path", f"'{path}' has no row below its header; needs one at least")
+        raise ArgumentError("path", f"'{path}' has no row below its header; give at least one")
     poses = _object_poses(path, cells) if has_pose else [None] * len(cells)
 
     def waypoint(row: Mapping[str, float], T_world_object: FloatArray | None) -> Waypoint:
@@ -137,7 +139,9 @@ def _joint_columns(path: str | Path, names: Sequence[str]) -> dict[str, str]:
         unit = next((unit for unit in _UNITS if name.endswith(unit)), None)
         if name.startswith(_JOINT) and unit is None:
             known = " or ".join(_UNITS)
-            raise ArgumentError("path", f"'{path}': column {name!r} has no unit; end it in {known}")
+            raise ArgumentError(
+                "path", f"'{path}': column {name!r} has no unit; its name must end in {known}"
+            )
         if name.startswith(_JOINT) and unit is not None:
             joints[name] = name.removeprefix(_JOINT).removesuffix(unit)
     return joints
@@ -149,10 +153,10 @@ def _cell_number(
     if len(row) != len(names):
         advice = ""
         if len(row) == 2 * len(names):
-            advice = "; if commas are decimal ones, write points in numbers (0.5)"
+            advice = "; if it has decimal commas, write decimal points (0.5)"
         raise ArgumentError(
             "path",
-            f"'{path}', row {line} has {len(row)} cells, and the header {len(names)}{advice}",
+            f"'{path}', row {line} has {len(row)} cells, but the header has {len(names)}{advice}",
         )
     cell = row[names.index(name)]
     try:
@@ -160,10 +164,10 @@ def _cell_number(
     except ValueError:
         number = math.nan
     if not math.isfinite(number):
-        advice = " with a point (0.5)" if "," in cell else ""
+        advice = " with a decimal point (0.5)" if "," in cell else ""
         raise ArgumentError(
             "path",
-            f"'{path}', row {line}, column {name}: found {cell!r}; needs a finite number{advice}",
+            f"'{path}', row {line}, column {name}: found {cell!r}; must be a finite number{advice}",
         )
     return number
 
@@ -177,7 +181,7 @@ def _object_poses(path: str | Path, cells: Sequence[Mapping[str, float]]) -> lis
         raise ArgumentError(
             "path",
             f"'{path}', waypoint {row}: the quaternion (x, y, z, w) has the norm "
-            f"{lengths[row]:.6g}; needs 1",
+            f"{lengths[row]:.6g}; it must be 1",
         )
     poses = np.tile(np.eye(4), (len(table), 1, 1))
     poses[:, :3, :3] = Rotation.from_quat(table[:, 3:]).as_matrix()
@@ -280,14 +284,14 @@ def joint_trajectory(profile: PathProfile | PathTiming) -> dict[str, Any]:
     """
     if isinstance(profile, PathTiming):
         if not profile.found:
-            raise NoSolutionError(f"there is no timing to send ({profile.reason})")
+            raise NoSolutionError(f"there is no timing to export ({profile.reason})")
         names, none = profile.joint_names, np.empty((len(profile.times), 0))
         columns = profile.positions, profile.velocities, profile.accelerations, none
     else:
         if not profile.found:
             first = profile.failures[0]
             raise NoSolutionError(
-                f"waypoint {first} has no torques to send ({profile.failure_reason(first)}); "
+                f"waypoint {first} has no torques to export ({profile.failure_reason(first)}); "
                 "check .found first"
             )
         names, none = profile.position_names, np.empty((len(profile.times), 0))

@@ -162,8 +162,8 @@ def fastest_timing(
     at = AttachedConfigurations(scene, attached_to)
     if scene.acceleration is not None:
         raise SceneError(
-            f"{place_of(scene, 'acceleration')}: is stated, but the path tells how all moves; take "
-            "the scene with acceleration=None"
+            f"{place_of(scene, 'acceleration')}: is stated, but the path determines all "
+            "accelerations; use scene.with_changes(acceleration=None)"
         )
     names, problem = at.joint_names, at.shared_problem(at.scene, at.scene.problem())
     margin = real_number("margin", margin, 0.0)
@@ -275,14 +275,14 @@ def _unheld_reason(
         who = f"the given torques ({listed}) do not"
     asked = f" with a margin of {margin:g} N" if margin else ""
     if torques is not None and is_held(free):
-        advice = "others within the motors' limits do: leave torques out, or give others"
+        advice = "other torques within the motors' limits do: leave torques out, or give others"
     elif is_held((np.full(len(names), -np.inf), np.full(len(names), np.inf))):
         ranges = zip(names, *free, strict=True)
         listed = ", ".join(f"{name} [{low:g}, {high:g}]" for name, low, high in ranges)
-        advice = f"stronger motors would: raise effort_limits ({listed}), or carry less"
+        advice = f"stronger motors would: raise effort_limits ({listed}), or reduce the load"
     else:
         less = ", or ask for less margin" if margin else ""
-        advice = f"no motors would, as friction and max_normal_force are: grip it otherwise{less}"
+        advice = f"no motors would with this friction and max_normal_force: change the grip{less}"
     return f"{who} hold the object{asked} {where}; {advice}"
 
 
@@ -293,13 +293,13 @@ def _timing_fault(
     still = np.abs([point.joints[:, 0] for point in along])
     beyond = still / torque_limits
     k, joint = np.unravel_index(np.argmax(beyond), beyond.shape)
-    why = "no timing keeps all limits from rest to rest"
+    why = "no timing from rest to rest keeps all limits"
     if beyond[k, joint] <= 1.0:
-        return f"{why}; raise those of torques and accelerations, or take another path"
+        return f"{why}; raise the limits of torques and accelerations, or use another path"
     return (
-        f"{why}: at point {k}, standing still, joint {names[joint]!r} bears "
-        f"{still[k, joint]:.4g} N m (N), and torque_limits allows {torque_limits[joint]:g}; raise "
-        "it, or carry less"
+        f"{why}: at point {k}, even at rest, joint {names[joint]!r} needs "
+        f"{still[k, joint]:.4g} N m (N), but torque_limits allows {torque_limits[joint]:g}; raise "
+        "it, or reduce the load"
     )
 
 
@@ -328,7 +328,7 @@ def _path_points(
         limits: The limits of joints.
     """
     scene, hand, joint = at.scene, at.hand, at.joint
-    places = _joint_positions(at, path[0], "path", "the spline through it leaves a limit: ")
+    places = _joint_positions(at, path[0], "path", "the spline through it exceeds a limit: ")
     T, J = (np.array(part) for part in zip(*map(hand.tree.kinematics, places), strict=True))
     kinematics = Kinematics(T[:, None], J[:, None])
     T_world_object = T[:, joint] @ at.T_joint_object
@@ -437,8 +437,8 @@ def _checked_waypoints(at: AttachedConfigurations, path: Any) -> FloatArray:
     _joint_positions(at, points, "path[{}]")
     steps = np.linalg.norm(np.diff(points, axis=0), axis=1) if len(points) > 1 else np.zeros(0)
     if not len(steps) or not steps.all():
-        given = "two that follow each other and are the same" if len(steps) else str(len(points))
-        raise ArgumentError("path", f"needs two configurations or more, found {given}")
+        given = "two equal ones in succession" if len(steps) else str(len(points))
+        raise ArgumentError("path", f"needs at least two different configurations, found {given}")
     return points
 
 
@@ -464,7 +464,7 @@ def _joint_limits(
     limits = np.broadcast_to(others, len(names)).copy()
     for name, value in (given or {}).items():
         if name not in names:
-            raise ArgumentError(argument, f"has no joint {name!r}; {names_in_words(name, names)}")
+            raise ArgumentError(argument, f"unknown joint {name!r}; {names_in_words(name, names)}")
         limits[names.index(name)] = _positive_number(f"{argument}[{name!r}]", value)
     return limits
 
@@ -472,5 +472,5 @@ def _joint_limits(
 def _positive_number(argument: str, value: Any) -> float:
     number = real_number(argument, value, 0.0)
     if number == 0.0:
-        raise ArgumentError(argument, "is 0; it must be more")
+        raise ArgumentError(argument, "is 0; it must be positive")
     return number

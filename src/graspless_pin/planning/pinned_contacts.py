@@ -192,12 +192,14 @@ def pinned_state(
     """Return a state with its gradients: see `Evaluator.pinned`."""
     pins = solver.configurations.pins
     if pins is None:
-        raise ArgumentError("pins", "were not given to this evaluator: Evaluator(scene, pins=...)")
+        raise ArgumentError(
+            "pins", "this evaluator has none; create it with Evaluator(scene, pins=...)"
+        )
     if friction is not None or mass is not None:
         solver = solver.with_scene(_with_surfaces(solver.configurations.scene, friction, mass))
     evaluation = solver.evaluate(q, T_world_object, twist)
     if evaluation.status is StateStatus.OUTSIDE_LIMITS:
-        raise ArgumentError("q", f"cannot be taken: {evaluation.reason}; clip it to joint_limits")
+        raise ArgumentError("q", f"is not valid: {evaluation.reason}; clip it to joint_limits")
     scene = evaluation.scene
     hand = scene.hand
     columns = None if hand is None else JointColumns(hand)
@@ -291,7 +293,7 @@ def _slide_turn(scene: Scene, problem: QuasistaticProblem, contact: int, rate: R
     if support is None:
         raise ArgumentError(
             "twist",
-            f"has contacts of the hand ({body!r}) slide; of such states there is no gradient",
+            f"makes contacts of the hand ({body!r}) slide; such states have no gradient",
         )
     spin = np.zeros(3) if motion is None else motion.object_twist[3:]
     center = np.zeros_like(rate.middle)

@@ -146,7 +146,7 @@ class HandPlacement(Brief):
             for rank, place in enumerate(self.places, 1)
         ]
         headers = ["rank", "margin", "alone", "rest", "links"]
-        legend = "margins in N; alone: without the supports; rest: the verdict (-: none)"
+        legend = "margins in N; alone: margin without the supports; rest: the verdict (-: none)"
         return Table(rows, headers, legend, ".3g", (4,))
 
     def __str__(self) -> str:
@@ -160,7 +160,7 @@ class HandPlacement(Brief):
             lines.append(f"and {self.found - _PLACES_SHOWN} more")
         if self.found > 1:
             lines.append(f"ranked by: {_RANKED_BY[self.aim]}")
-        ended = "" if self.complete else "; the time limit ended it"
+        ended = "" if self.complete else "; ended by the time limit"
         lines.append(
             f"{self.found} of {self.tried} candidates hold the object ({self.seconds:.1f} s{ended})"
         )
@@ -199,24 +199,24 @@ _ADVICE = {
     PlacingFault.INTERNAL_ERROR: "this is our fault: please report it with the scene",
     PlacingFault.OUT_OF_REACH: "the arm does not reach the object from its base: set base_pose, or "
     "let the base move with move_base (--move-base)",
-    PlacingFault.SUPPORT_IN_THE_WAY: "hardly anywhere is the open hand, with its arm, clear of "
-    f"the supports; {_OTHERS}; of an arm, a base_pose that stays, or the hand alone (root_link)",
-    PlacingFault.OBJECT_IN_THE_WAY: "hardly anywhere is the open hand clear of the object; "
+    PlacingFault.SUPPORT_IN_THE_WAY: "almost everywhere the open hand or its arm touches a support"
+    f"; {_OTHERS}; with an arm, a base_pose without move_base, or the hand alone (root_link)",
+    PlacingFault.OBJECT_IN_THE_WAY: "almost everywhere the open hand touches the object; "
     f"{_LARGER}",
     PlacingFault.TOUCHES_NOTHING: f"no finger reaches the object; {_LARGER}",
-    PlacingFault.HAND_ON_SUPPORT: f"each closed hand touches a support; {_OTHERS}",
-    PlacingFault.HAND_THROUGH_ITSELF: f"each closed hand collides with itself; {_OTHERS}",
-    PlacingFault.ONE_FINGER_ONLY: f"never do two fingers touch the object; {_LARGER}",
+    PlacingFault.HAND_ON_SUPPORT: f"almost every closed hand touches a support; {_OTHERS}",
+    PlacingFault.HAND_THROUGH_ITSELF: f"almost every closed hand collides with itself; {_OTHERS}",
+    PlacingFault.ONE_FINGER_ONLY: f"only one finger at a time touches the object; {_LARGER}",
     PlacingFault.UNUSABLE_CONTACTS: "put the hand there with close_fingers to see what is wrong",
     PlacingFault.NOTHING_OPPOSES: "no two links squeeze the object between them; aim='press' "
-    "(--press) takes hands that press it onto a support",
+    "(--press) accepts hands that press it onto a support",
     PlacingFault.CANNOT_CARRY: "no hand carries the object by itself with that margin: raise the "
-    "effort limits or the friction, lower the mass, or ask for less than 'carry'",
+    "effort limits or the friction, lower the mass, or use an aim other than 'carry'",
     PlacingFault.INFEASIBLE: "raise the effort limits or the friction if they are too low, or "
     "lower the mass",
-    PlacingFault.LOAD_TOO_LARGE: "look at the object's mass (kg), sizes (m) and effort limits",
+    PlacingFault.LOAD_TOO_LARGE: "check the object's mass (kg), sizes (m) and the effort limits",
     PlacingFault.UNDECIDED: "raise node_limit in the scene's solve",
-    PlacingFault.MARGIN_TOO_SMALL: "ask for a smaller margin, or raise the effort limits",
+    PlacingFault.MARGIN_TOO_SMALL: "require a smaller margin, or raise the effort limits",
 }
 
 
@@ -355,8 +355,8 @@ def _placing_plan(
         raise SceneError(f"{label_of(scene)}: the scene has no hand to be placed; add one")
     if scene.given_contacts is not None:
         raise SceneError(
-            f"{label_of(scene)}: contacts are given, and would stay where they are; leave the key "
-            "out"
+            f"{label_of(scene)}: contacts are given, but would not move with the hand; leave the "
+            "key out"
         )
     names = fingers_that_close(scene.hand, fingers)
     required = scene.solve_options.get("margin", 0.1) if margin is None else margin

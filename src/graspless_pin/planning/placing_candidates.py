@@ -74,14 +74,14 @@ class PlacingFault(StrEnum):
         member.words = words
         return member
 
-    INTERNAL_ERROR = "internal-error", "an internal error left it out"
-    OUT_OF_REACH = "out-of-reach", "the arm does not bring the palm there from its base"
+    INTERNAL_ERROR = "internal-error", "an internal error occurred"
+    OUT_OF_REACH = "out-of-reach", "the arm cannot move the palm there from its base"
     SUPPORT_IN_THE_WAY = "support-in-the-way", "a support is in the way of the open hand"
     OBJECT_IN_THE_WAY = "object-in-the-way", "the object is in the way of the open hand"
     TOUCHES_NOTHING = "touches-nothing", "the fingers close without touching the object"
     HAND_ON_SUPPORT = "hand-on-support", "the closed hand touches a support"
     HAND_THROUGH_ITSELF = "hand-through-itself", "the closed hand collides with itself"
-    ONE_FINGER_ONLY = "one-finger-only", "one finger alone touches the object"
+    ONE_FINGER_ONLY = "one-finger-only", "only one finger touches the object"
     UNUSABLE_CONTACTS = "unusable-contacts", "the contacts cannot be used"
     NOTHING_OPPOSES = "nothing-opposes", "no two links squeeze the object between them"
     CANNOT_CARRY = "cannot-carry", "the hand cannot carry the object by itself"

@@ -172,14 +172,14 @@ def hand_parts(
     arms = {k: None if move_base else _common_arm(hand, own) for k, own in groups.items()}
     if together and any(arms.values()):
         raise ArgumentError(
-            "together", "moves the bases of arms: ask for that, too, with move_base (--move-base)"
+            "together", "moves the bases of arms, which requires move_base (--move-base), too"
         )
     lone = [own[0] for own in groups.values() if len(own) == 1 and not is_fixed_jaw(hand, own[0])]
     if len(tree.bases) > 1 and lone and not together:
         raise ArgumentError(
             "together",
-            f"{', '.join(lone)} are the only fingers of their mounts, and grip with the others as "
-            "one body; ask for that (--together)",
+            f"{', '.join(lone)} are the only fingers of their mounts, and can only grip together "
+            "with the others as one body; set together (--together)",
         )
     if together or len(tree.bases) == 1:
         arm = arms[next(iter(arms))]
@@ -198,8 +198,8 @@ def _common_arm(hand: Hand, fingers: Sequence[str]) -> Arm | None:
     if len(joints) > 1:
         raise ArgumentError(
             "fingers",
-            f"{', '.join(carriers)} hang on different palms of one robot: name those of one palm "
-            "(--finger), or let the robot move with its base: move_base (--move-base)",
+            f"{', '.join(carriers)} belong to different palms of one robot: name those of one palm "
+            "(--finger), or move the whole robot with its base: move_base (--move-base)",
         )
     return carriers[fingers[0]]
 

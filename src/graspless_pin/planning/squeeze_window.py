@@ -295,7 +295,7 @@ def _sampled_amounts(samples: int | Sequence[float], low: float, high: float) ->
     beyond = given[(given < low) | (given > high)]
     if len(beyond):
         raise ArgumentError(
-            "samples", f"has {beyond[0]:g}; limits leave the amounts {low:g} to {high:g}"
+            "samples", f"has {beyond[0]:g}; effort limits allow amounts from {low:g} to {high:g}"
         )
     return np.unique(np.append(given, 0.0))
 
@@ -440,13 +440,13 @@ def _squeeze_direction(
     if verdict.rest_forces is None:
         raise ArgumentError(
             "torques",
-            f"leave no rest to squeeze more or less ({verdict.message}); give a direction",
+            f"have no known forces of rest to scale ({verdict.message}); give a direction",
         )
     forces = verdict.rest_forces.ravel()
     inner = forces - np.linalg.lstsq(problem.W, problem.W @ forces, rcond=None)[0]
     change = problem.jacobian.T @ inner
     if np.linalg.norm(inner) <= _NO_SQUEEZE * np.linalg.norm(forces) or not change.any():
-        raise ArgumentError("direction", "the contact forces squeeze nothing; give a direction")
+        raise ArgumentError("direction", "the contact forces do not squeeze the object; give one")
     return change
 
 
@@ -483,7 +483,7 @@ def _bisected_ends(
 
 def _window_end(line: _TorqueLine, bracket: _Bracket) -> WindowEnd:
     """Return the end of a window from its bracket."""
-    last, ends = bracket.good, (EndReason.SEARCH, "holds as far as it was looked")
+    last, ends = bracket.good, (EndReason.SEARCH, "holds in the whole range searched")
     if bracket.bad is not None:
         ends = bracket.bad.failure
     elif joint := line.limiting_joint(last.amount):

@@ -147,16 +147,16 @@ class UncertainStateSolver(StateSolver):
         if not isinstance(uncertainty, Uncertainty):
             raise ArgumentError(
                 "uncertainty",
-                f"is {uncertainty!r:.80}; give an Uncertainty, or True for what the scene says",
+                f"is {uncertainty!r:.80}; give an Uncertainty, or True for that of the scene",
             )
         if configurations.pins is not None:
             raise ArgumentError(
                 "pins",
-                "are given beside an uncertainty, for which they have no gradients; give one",
+                "are not supported together with an uncertainty, which has no gradients; give one",
             )
         options.need_weak(
-            "verdicts at all corners take too long in many states",
-            "leave it out, and ask `Scene.solve` for it in those that matter",
+            "verdicts at all corners take too long for many states",
+            "leave it out, and call `Scene.solve` with it for those that matter",
         )
         _check_figures(configurations.scene, uncertainty)
         super().__init__(configurations, objective, options, checks)
@@ -294,13 +294,13 @@ def _check_figures(scene: Scene, uncertainty: Uncertainty) -> None:
     if any(figures_in(uncertainty.contact_position)):
         raise ArgumentError(
             "contact_position",
-            "is sampled, which takes too long in many states; leave it out, and ask "
-            "`Scene.solve(..., uncertainty=...)` in those that matter",
+            "is sampled, which takes too long for many states; leave it out, and call "
+            "`Scene.solve(..., uncertainty=...)` for those that matter",
         )
     friction = uncertainty.friction
     if not isinstance(friction, Mapping) and friction.ndim:
         raise ArgumentError(
             "friction",
-            "is of each contact, and every state has contacts of its own; give one figure, or some "
-            "by hand link and support",
+            "is given for each contact, but every state has its own contacts; give one figure, or "
+            "figures by hand link and support",
         )

@@ -414,13 +414,13 @@ def _refuse_hiding_boxes(program: Program, x: FloatArray, y: FloatArray, z: Floa
     if not hidden or value > bound + gap:
         return
     messages = [
-        f"the column {block.name!r} has {x[k]:.6g} there, its box {low[k]:.6g} to {high[k]:.6g}"
+        f"the column {block.name!r} is {x[k]:.6g}, its box {low[k]:.6g} to {high[k]:.6g}"
         for block in program.bounded_blocks
         for k in np.arange(len(x))[block.at][outside[block.at]]
     ]
     if messages:
         raise ArgumentError(
-            "box", f"an optimum is outside: {messages[0]}; state boxes that hold of every solution"
+            "box", f"an optimum is outside: {messages[0]}; state boxes that contain all solutions"
         )
 
 

@@ -379,7 +379,7 @@ def scaled_weights(blocks: _Blocks, by_name: Marginals, unit: float) -> FloatArr
         if block.sign is Sign.CONE:
             value = -value
         if value.shape != block.shape:
-            raise ValueError(f"{block.name} has the shape {value.shape}, not {block.shape}")
+            raise ValueError(f"{block.name} has the shape {value.shape}; it must be {block.shape}")
         parts.append(block.row_entries(value) * block.unit / unit)
     return np.concatenate(parts)
 

@@ -139,14 +139,14 @@ def check_at_rest(scene: Scene) -> None:
     where = label_of(scene)
     if scene.motion is not None:
         raise SceneError(
-            f"{where}: motion: declares a motion, and the simulation tells whether rest lasts; "
-            "leave the key out to ask for rest"
+            f"{where}: motion: is not supported by the simulation, which checks whether an object "
+            "stays at rest; leave the key out"
         )
     for support in scene.supports:
         if support.velocity.any():
             raise SceneError(
-                f"{where}: support {support.name!r} moves, and the simulation tells whether rest "
-                "lasts; leave its velocity out"
+                f"{where}: support {support.name!r} moves, but the simulation checks whether an "
+                "object stays at rest; leave its velocity out"
             )
 
 

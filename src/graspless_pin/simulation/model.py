@@ -254,8 +254,8 @@ def simulation_model(
     problem = scene.problem()
     if not problem.cone_model.is_coulomb:
         raise SceneError(
-            f"{label_of(scene)}: cone: is {problem.cone!r}, and the simulation has Coulomb's law; "
-            "use 'edges' or 'round'"
+            f"{label_of(scene)}: cone: is {problem.cone!r}, but the simulation requires Coulomb's "
+            "law; use 'edges' or 'round'"
         )
     tau = motor_torques(problem.joint_names, torques)
     feedback = scene.controller if controller is None else Controller.of("controller", controller)

@@ -159,7 +159,7 @@ class World:
             self._mujoco.mj_step(self.model, self.data, at_once)
         if not np.isfinite(self.data.qpos).all():
             raise GrasplessPinError(
-                f"MuJoCo's simulation has no finite state any more at {self.data.time:.3f} s"
+                f"the simulation in MuJoCo diverges: no finite state at {self.data.time:.3f} s"
             )
 
     def _object_wrench(self) -> FloatArray:
@@ -382,7 +382,9 @@ def simulate(
         start = finite_array("displacement", displacement, start.shape)
     hardness = tuple(contact_models)
     if not hardness:
-        raise ArgumentError("contact_models", "is empty; give STIFF, SOFT or one of your own")
+        raise ArgumentError(
+            "contact_models", "is empty; give STIFF, SOFT or a contact model of your own"
+        )
     models = [
         simulation_model(
             scene, tau, controller=controller, friction_factor=factor, contact_model=contact_model

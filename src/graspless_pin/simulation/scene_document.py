@@ -118,14 +118,14 @@ def _check_expressible(scene: Scene) -> None:
     """
     where = label_of(scene)
     if scene.given_contacts is not None:
-        raise SceneError(f"{where}: contacts: are given, and MuJoCo finds its own; leave them out")
+        raise SceneError(f"{where}: contacts: are given, but MuJoCo finds its own; leave them out")
     if scene.acceleration is not None:
-        raise SceneError(f"{where}: acceleration: no MJCF states one; leave it out")
+        raise SceneError(f"{where}: acceleration: an MJCF cannot state one; leave it out")
     for load in scene.loads:
         if load.force.any() or load.moment.any() or load.field.any():
             raise SceneError(
-                f"{where}: loads: {load.name!r} is a force, and an MJCF has payloads alone; leave "
-                "it out and set MjData.xfrc_applied"
+                f"{where}: loads: {load.name!r} has a force, moment or field; an MJCF can only "
+                "state payloads; leave it out and set MjData.xfrc_applied"
             )
 
 

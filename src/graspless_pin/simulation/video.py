@@ -45,7 +45,7 @@ def write_video(simulation: Simulation, path: Path) -> bool:
     """
     encoder = _encoder()
     if encoder is None:
-        return _no_video("no encoder is found (the program ffmpeg, or the package imageio-ffmpeg)")
+        return _no_video("no encoder was found (the program ffmpeg or the package imageio-ffmpeg)")
     run = simulation.runs[0]
     poses = run.T_world_object[:: _LOOKS_PER_SECOND // _FRAMES]
     turns = Rotation.from_matrix(poses[:, :3, :3]).as_quat(scalar_first=True)
@@ -59,13 +59,15 @@ def write_video(simulation: Simulation, path: Path) -> bool:
     except OSError as error:
         raise SceneError(f"{path}: cannot be written ({error.strerror})") from error
     except Exception as error:  # of any graphics library
-        return _no_video(f"MuJoCo cannot draw here ({error})")
+        return _no_video(f"rendering or encoding failed ({error})")
     return True
 
 
 def _no_video(reason: str) -> bool:
     emit(
-        Finding(FindingCode.NO_VIDEO, "video", f"there is no video: {reason}", "save .html instead")
+        Finding(
+            FindingCode.NO_VIDEO, "video", f"no video was written: {reason}", "save .html instead"
+        )
     )
     return False
 
