@@ -64,7 +64,7 @@ class Samples(Brief):
         """Return the result of the sampling, in words."""
         return (
             f"{self.served} of {self.count} random members with contacts moved keep the margin, "
-            f"and {self.solved} of {self.solved} with every contact at its largest distance"
+            f"as do all {self.solved} with every contact at its largest distance"
         )
 
 
