@@ -330,7 +330,7 @@ def test_no_verdict_is_claimed():
     torques = maximize_margin(problem, static_friction="coulomb").torques
     verdict = stability(problem, torques)
     assert verdict.status is Stability.UNDECIDED
-    assert "needs Coulomb's law, and the cone 'uneven' is another" in str(verdict)
+    assert "requires Coulomb's law, and the cone is 'uneven'" in str(verdict)
     strong = maximize_margin(problem, static_friction="coulomb", stability="strong")
     assert strong.status is Status.STRONG_NOT_FOUND
     for analysis in (guaranteed_disturbance, robustness, what_would_hold):

@@ -134,7 +134,7 @@ def test_the_commands_know_it(package, tmp_path):
     document, page = tmp_path / "solution.json", tmp_path / "page.html"
     solved = command(package, "solve", str(file), "--json", str(document))
     assert solved.returncode == 0, solved.stderr
-    assert "needs Coulomb's law, and the cone 'ribbed' is another" in solved.stdout
+    assert "requires Coulomb's law, and the cone is 'ribbed'" in solved.stdout
     stated = json.loads(document.read_text())
     assert stated["cone"] == "ribbed"
     assert np.shape(stated["contacts"][0]["cone_corners"]) == (stated["cone_edges"], 2)
@@ -192,4 +192,4 @@ def test_the_evaluator_and_studies_solve_it_as_it_is(package):
     assert np.isfinite(found["many"]).sum() >= 3
     pyramids, ribbed, _ = np.reshape(found["study"], (3, 2))
     assert (ribbed < pyramids).all()
-    assert "slide with the cone 'ribbed'" in found["refused"]
+    assert "has sliding contacts with the cone 'ribbed'" in found["refused"]

@@ -206,7 +206,7 @@ def test_evaluators_and_the_page_solve_for_it(package, scenes, expected):
     found = json.loads(shown.stdout)
     for value in (found["scene"], found["plain"], *found["one"], found["page"]):
         assert value == pytest.approx(expected[PAIR], rel=1e-7)
-    assert found["refused"] == "regularization: is none of the figures of 'total_torque'"
+    assert found["refused"] == "regularization: has no effect with 'total_torque'"
     assert set(found["rules"]) == {"strict", "exact", "nonzero"}
     for values, bounds in zip(found["many"], found["bounds"], strict=True):
         assert values[0] == pytest.approx(expected[PAIR], rel=1e-7)

@@ -101,7 +101,7 @@ def test_loads_and_accelerations_as_one_count():
         gradient.values[unique], expected[unique], atol=2e-4 * size, rtol=1e-4
     )
     turning = evaluator.scene.with_changes(acceleration=Acceleration(angular=[0.0, 0.0, 1.0]))
-    with pytest.raises(ArgumentError, match="turns or moves joints"):
+    with pytest.raises(ArgumentError, match="acceleration is not only 'linear'"):
         configuration_gradient(Evaluator(turning, algorithm="torque").evaluate(q))
 
 

@@ -147,7 +147,7 @@ class ConeModel(ABC):
         """Why this model allows no verdict on the actual motion; empty if it does."""
         if self.is_coulomb:
             return ""
-        return f"undecided: a verdict needs Coulomb's law, and the cone '{self.name}' is another"
+        return f"undecided: a verdict requires Coulomb's law, and the cone is '{self.name}'"
 
     def surface_distances(self, forces: FloatArray, friction: FloatArray, edges: int) -> FloatArray:
         """Return distances of forces to the surfaces of their cones, as of a `Section`."""
