@@ -115,7 +115,7 @@ MISTAKES = [
            "the coefficient of friction 80", "not a percentage", 0),
     _scene("mass in grams", MASS, "mass: 1000", "has 1.25e+05 kg/m^3", "in kilograms", 1),
     _scene("sizes in millimetres", BOX, "{type: box, size: [200, 200, 200]}",
-           "less than air has", "the size looks like millimetres"),
+           "less than air", "the size looks like millimetres"),
     _scene("contact tolerance in millimetres", FRICTION, f"{FRICTION}\ncontact_tolerance: 1",
            "contact_tolerance is 1 m, and the smallest extent of object 'box' is 0.2 m",
            "1 mm are 0.001 m", 0),

@@ -57,10 +57,10 @@ def test_missing_files(tmp_path):
         ("", "hand.urdf: is empty; give the file that was meant"),
         (" \n", "hand.urdf: is empty; give the file that was meant"),
         ("\x01", "hand.urdf: not well-formed XML"),
-        ("<sdf/>", "hand.urdf: is an SDF, which is not read; write it as a URDF or as an MJCF"),
+        ("<sdf/>", "hand.urdf: is an SDF, which is not supported; convert it to URDF or MJCF"),
         (
             "<a/>",
-            "hand.urdf: a URDF starts with <robot> and an MJCF with <mujoco>, this file with <a>",
+            "a URDF starts with <robot> and an MJCF with <mujoco>, but this file with <a>",
         ),
         (jointed(limit='lower="a" upper="1"'), "hand.urdf: joint 'hinge'"),
         (meshed("palm.stl"), "palm.stl"),
@@ -143,7 +143,7 @@ def test_an_object_from_a_mesh(tmp_path):
 @pytest.mark.parametrize(
     ("name", "content", "message"),
     [
-        ("cup.stl", None, "does not exist; check the path and what it is relative to"),
+        ("cup.stl", None, "does not exist; check the path and the folder that it is relative to"),
         ("cup.stp", b"ISO-10303-21;", "has the unknown ending '.stp'; use one of .stl, .obj"),
         ("cup.stl", b"", "cup.stl'"),
         ("cup.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\n", "has no faces; export it as a triangle mesh"),
@@ -172,7 +172,7 @@ def test_a_mesh_in_millimetres_warns(tmp_path):
     warnings = [line for line in result.stderr.splitlines() if line.startswith("warning: ")]
     density = next(line for line in warnings if "kg/m^3" in line)
     mesh = next(line for line in warnings if line.startswith("warning: mesh"))
-    assert "object 'box' has 1.25e-07 kg/m^3, which is less than air has" in density
+    assert "object 'box' has 1.25e-07 kg/m^3, which is less than air" in density
     assert mesh == (
         f"warning: mesh '{tmp_path / 'cup.stl'}' with scale 1.0 is 200 m large; lengths are "
         "metres: a file in millimetres needs scale 0.001 [mesh-scale]"

@@ -76,7 +76,7 @@ CASES = {
     "flat hull": (
         BOX,
         "{type: hull, points: [[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]]}",
-        ":9: object.shape: the hull is next to flat",
+        ":9: object.shape: the hull is almost flat",
     ),
     "unknown robot among several": (
         ONE_HAND,
@@ -116,7 +116,7 @@ CASES = {
     "nameless support": (
         "name: floor",
         "name: ''",
-        ":13: supports[0].name: needs a name that messages can use, got ''",
+        ":13: supports[0].name: needs a text that is not empty, got ''",
     ),
     "friction not for all": (
         FRICTION,
@@ -145,7 +145,7 @@ OF_THE_POSE = {
         ":11: object.pose.matrix: the rotation part is not orthonormal (R^T R is off by 3)"
     ),
     "matrix: [[1, 0, 0], [0, -1, 0], [0, 0, 1]]": (
-        ":11: object.pose.matrix: the rotation part mirrors (determinant -1); flip one axis"
+        ":11: object.pose.matrix: the rotation part is a reflection (determinant -1); flip one axis"
     ),
     "quaternion: [0, 0, 0, 0]": (
         ":11: object.pose.quaternion: a quaternion x, y, z, w must not be zero"
@@ -215,7 +215,7 @@ OF_THE_HAND = {
         "item text"
     ),
     "package_dirs: [x]": (
-        ":6: hand.package_dirs: only goes with a URDF file, not with 'lever_100mm'"
+        ":6: hand.package_dirs: is only available with a URDF file, not with 'lever_100mm'"
     ),
 }
 """What stands in the place of the joints, and the message."""

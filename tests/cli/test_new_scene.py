@@ -127,7 +127,7 @@ BARE = (
     ("change", "reason"),
     [
         (STILL, "the lower and the upper limit of left_hinge, right_hinge are the same"),
-        (FIXED, "has no fingers; name their joints in the robot file or in the scene, or give"),
+        (FIXED, "has no fingers; name their joints in the robot file or in the scene, or add"),
         (BARE, "has both a joint and a collision shape"),
     ],
 )

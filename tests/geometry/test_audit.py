@@ -48,7 +48,7 @@ def test_limits_efforts_and_mimics(tmp_path):
         (FindingCode.NEUTRAL_OUTSIDE, "joint far"),
     ]
     assert "perhaps left_lead" in report.findings[0].advice
-    assert "stands at 0.5" in report.findings[4].message
+    assert "it is at 0.5" in report.findings[4].message
     assert "to 3, outside its limits [-1, 1]" in report.findings[5].message
 
 
@@ -192,11 +192,11 @@ UNITS = {
                           "link 'a' of 0.03 kg has the moments of inertia 2e-06, 6e-06, 6e+03",
                           "1 g mm^2 is 1e-9 kg m^2"),
     "negative inertia": ('izz="2e-6"', 'izz="-2e-6"', "unlikely-inertia",
-                         "no body has a negative one", "about the centre of mass"),
+                         "none may be negative", "about the centre of mass"),
     "inertia of no body": ('izz="2e-6"', 'izz="2e-5"', "unlikely-inertia",
-                           "more than the sum of the others", "about the centre of mass"),
+                           "the largest exceeds the sum of the others", "about the centre of mass"),
     "no inertia": (INERTIA, "", "unlikely-inertia",
-                   "link 'a' has a mass and no <inertia>, and others have one", "add it"),
+                   "link 'a' has a mass but no <inertia>, which other links have", "add it"),
     "degrees for radians": ('"-1.5"', '"57.3"', "angle-in-degrees",
                             "joint 'k' follows joint 'i' times 57.3, which is 180/pi",
                             "radians per radian"),
@@ -220,9 +220,9 @@ def test_another_unit_in_a_robot(tmp_path, old, new, code, said, advice):
 def test_units_of_a_whole_file(tmp_path):
     """Of each kind one figure is told, with the number of others."""
     one = audit(tmp_path, SOUND.replace('value="0.03"', 'value="30"')).findings[0]
-    assert one.message.endswith("more than any metal has, and 1 more such links")
+    assert one.message.endswith("more than any metal, and 1 more such links")
     one = audit(tmp_path, SOUND.replace(INERTIA, "")).findings[0]
-    assert one.message.endswith("and no <inertia>, and others have one, and 1 more such links")
+    assert one.message.endswith("but no <inertia>, which other links have, and 1 more such links")
 
 
 def test_a_mesh_that_its_hull_fills_out_by_far(tmp_path):
@@ -349,7 +349,7 @@ def test_the_list_covers_tendons_models_and_failures(tmp_path):
         ["allegro_left_hand", str(file), str(broken), "nope"]
     )
     assert list(model.fingers) == [f"finger_{number}" for number in (1, 2, 3, 4)]
-    assert effort(model.joints[0]).source == "the URDF's or MJCF's"
+    assert effort(model.joints[0]).source == "the URDF or MJCF"
     assert (tendon.tendons["t"].upper, tendon.tendons["t"].source) == (9.0, "me")
     assert tendon.joints[0].effort is None
     shown = robot_text(tendon)

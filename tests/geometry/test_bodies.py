@@ -70,7 +70,7 @@ NEITHER = (float("nan"), float("inf"))
         ),
         ("T_world_object", NOT_RIGID, "T_world_object"),
         ("shape", (HalfSpace(),), "'brick' cannot be a half-space"),
-        ("name", ("", "  "), "name: needs a name"),
+        ("name", ("", "  "), "name: needs a text"),
     ],
 )
 def test_what_no_object_has_is_refused(argument: str, values: tuple, message: str) -> None:
@@ -83,7 +83,7 @@ def test_what_no_object_has_is_refused(argument: str, values: tuple, message: st
     ("arguments", "message"),
     [
         *[(("table", HalfSpace(), pose), "T_world_support") for pose in NOT_RIGID],
-        *[((name, HalfSpace(), TURNED), "name: needs a name") for name in ("", "  ")],
+        *[((name, HalfSpace(), TURNED), "name: needs a text") for name in ("", "  ")],
         *[
             (("table", HalfSpace(), TURNED, friction), "friction: support 'table' needs")
             for friction in (-0.1, *NEITHER)

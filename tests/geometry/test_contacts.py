@@ -116,7 +116,7 @@ def test_far_bodies_do_not_touch() -> None:
 
 def test_too_deep_an_overlap_names_both_bodies_and_the_depth() -> None:
     ball = body("ball", Sphere(0.05), at(0, 0, 0.042))
-    message = r"support 'ground' and object 'ball' overlap by 8\.00 mm, more than the 5\.00 mm"
+    message = r"support 'ground' and object 'ball' overlap by 8\.00 mm, more than max_penetration"
     with pytest.raises(SceneError, match=message):
         find_contacts(ball, [], [body("ground", HalfSpace(), at(0, 0, 0))])
     with pytest.raises(SceneError, match=r"hand link 'palm' and object 'ball' overlap by 8\.00 mm"):

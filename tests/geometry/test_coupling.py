@@ -62,7 +62,7 @@ def test_a_joint_may_follow_several_and_chains_in_any_order():
 
 
 def test_circles_and_missing_leaders():
-    with pytest.raises(RobotError, match="circle: a -> b -> a; let one"):
+    with pytest.raises(RobotError, match="circle: a -> b -> a; remove one"):
         resolve_couplings(["a", "b"], [JointCoupling("a", {"b": 1}), JointCoupling("b", {"a": 1})])
     with pytest.warns(GrasplessPinWarning, match="'b' -> 'x'; they are treated as independent"):
         coupling = resolve_couplings(["a", "b"], [JointCoupling("b", {"a": 1, "x": 1})])
@@ -173,12 +173,12 @@ def test_position_controlled_tendons_have_no_column(tmp_path):
         (
             "tendons: {s: {moment_arms: {b: 1}}, t: {moment_arms: {b: 2}}}",
             {},
-            "s, t pull the same joints in the same way",
+            "s, t are redundant: they pull the same joints",
         ),
         (
             TENDON + "fingers: {f: {joints: [b, c]}}",
             {"effort_limits": {"f": 1.0}},
-            r"\['f'\]: no motor moves this finger; limit its tendons",
+            r"\['f'\]: no joint motor moves this finger; give limits of its tendons",
         ),
     ],
 )
@@ -193,7 +193,9 @@ def test_a_tendon_without_limit_and_unknown_limits_warn(tmp_path):
         hand = Hand.assemble([Mount(file)])
     np.testing.assert_array_equal(hand.effort_limits[1], [2, 2, 2, np.inf])
     file = robot(tmp_path, "effort_limits: {a: {unknown: nobody knows}}")
-    with pytest.warns(GrasplessPinWarning, match=r"declares unknown: 'a' \(2\): nobody knows"):
+    with pytest.warns(
+        GrasplessPinWarning, match=r"declares to be unknown: 'a' \(2\): nobody knows"
+    ):
         Hand.assemble([Mount(file)])
     Hand.assemble([Mount(file)], effort_limits={"a": 1.0})
 
@@ -251,7 +253,7 @@ def test_a_joint_that_nobody_names_stands_where_its_followers_may(tmp_path):
     again = hand.with_configuration({"a": by_name["a"]})
     np.testing.assert_array_equal(again.positions, hand.positions)
     said = [item.message for item in audit_urdf(file).findings if item.subject == "joint a"]
-    assert said == ["zero is outside the limits of what follows it; unnamed, it stands at 0.056"]
+    assert said == ["zero is outside the limits of its followers; if not in q, it is at 0.056"]
 
 
 @pytest.mark.parametrize(
@@ -281,8 +283,8 @@ def test_limits_that_leave_a_leader_nowhere_to_go_are_left_out(
     assert [one.subject for one in found] == ["joint b"] * left_out
     if not left_out:
         return
-    assert "leave no travel to a" in found[0].message
-    with pytest.warns(GrasplessPinWarning, match="leave no travel"):
+    assert "leave no range to a" in found[0].message
+    with pytest.warns(GrasplessPinWarning, match="leave no range"):
         hand = Hand.from_urdf(file)
     for position in (0.0, 0.3, 0.548):
         moved = hand.with_configuration({"a": position})

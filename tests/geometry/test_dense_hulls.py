@@ -89,7 +89,7 @@ def test_a_dense_mesh_is_cut_with_fewer_triangles_and_says_how_far_they_are_off(
     with capture() as told:  # nothing of the hull, which stands for nothing
         MeshShape(tmp_path / "ring.ply", convex="decompose").pieces()
     assert [one.code for one in told] == [FindingCode.SIMPLIFIED_HULL]
-    assert "10000 stand for it where it is cut" in told[0].message
+    assert "it is replaced by 10000 triangles" in told[0].message
     near = trimesh.proximity.closest_point_naive(solid, mesh.vertices[::200])[1]
     off = float(found.message.split("up to ")[1].split(" mm")[0]) * 1e-3
     assert float(near.max()) <= 1.05 * off < 2e-4

@@ -138,7 +138,7 @@ def test_its_normal_does_not_jump():
 
 
 def test_it_has_no_face_that_looks_anywhere():
-    with pytest.raises(ArgumentError, match="no face looks that way, the nearest looks along none"):
+    with pytest.raises(ArgumentError, match="no face has this normal; the nearest is none"):
         face_along("pins[0]", [body(np.eye(4))], np.eye(4), np.eye(3)[2])
 
 
@@ -165,7 +165,7 @@ def test_what_is_missing_is_told(monkeypatch):
         coal_type = coal.Ellipsoid
 
     monkeypatch.setitem(SHAPES, "bare", Bare)
-    with pytest.raises(NotImplementedError, match="Bare has a coal_type and needs 'set_of'"):
+    with pytest.raises(NotImplementedError, match="Bare has a coal_type, so it needs 'set_of'"):
         find_contacts(body(np.eye(4), egg), [], [floor])
 
     class Half(BoundedSet):

@@ -157,7 +157,7 @@ def test_mistakes_are_named(allegro, call, message):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"q": {"lead": 0.5, "follow": 0.5}}, r"q\['follow'\]: .*'lead' and stands at 0.25"),
+        ({"q": {"lead": 0.5, "follow": 0.5}}, r"q\['follow'\]: .*'lead' and is at 0.25"),
         ({"q": {"lead": 1.9}}, r"q\['follow'\]: is 1.65 because it mimics 'lead', outside .* 1\]"),
         ({"control": {"follow": "position"}}, r"control\['follow'\]: .*mimics"),
         ({"effort_limits": {"follow": 1.0}}, r"effort_limits\['follow'\]: .*mimics"),

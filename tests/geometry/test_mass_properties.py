@@ -142,7 +142,7 @@ def test_parts_that_fill_the_same_space_twice_are_noticed(tmp_path: Path) -> Non
         [trimesh.creation.box([0.1] * 3), trimesh.creation.box([0.099] * 3)]
     )
     twice.export(tmp_path / "twice.ply")
-    with pytest.warns(GrasplessPinWarning, match="has parts that lie in each other"):
+    with pytest.warns(GrasplessPinWarning, match="has parts that overlap or lie inside each other"):
         volume, _, _ = MeshShape(tmp_path / "twice.ply").filling()
     assert volume == pytest.approx(0.001)
 

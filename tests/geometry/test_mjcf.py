@@ -184,7 +184,7 @@ def test_a_mesh_may_be_turned_before(claw: Path) -> None:
     claw.write_text(HAND.replace('scale="0.5 1 2" refpos="0.01 0 0"', turned))
     test_shapes_are_where_mujoco_has_them(claw)
     claw.write_text(HAND.replace('refpos="0.01 0 0"', 'refquat="0.8 0.2 -0.4 0.4"'))
-    with pytest.raises(RobotError, match="'wedge' is turned and then scaled by"):
+    with pytest.raises(RobotError, match="'wedge' is rotated and then scaled by"):
         tree_of(claw)
 
 
@@ -240,7 +240,7 @@ def test_a_tendon_of_something_else_is_not_the_hand_s(claw: Path) -> None:
     claw.write_text(text.replace("<tendon>", equality + "<tendon>"))
     assert set(tree_of(claw)[1].joint_names) == set(JOINTS)
     claw.write_text(claw.read_text().replace('joint="hingea"', 'joint="spread"'))
-    with pytest.raises(RobotError, match=r"'no\. 1' joins joints of the hand to others"):
+    with pytest.raises(RobotError, match=r"'no\. 1' couples joints of the hand to other joints"):
         tree_of(claw)
 
 
@@ -341,7 +341,7 @@ def test_a_driven_tendon_is_an_actuator_with_mujoco_s_torques(tmp_path: Path) ->
 
 @pytest.mark.parametrize(
     ("motors", "said"),
-    [('<motor name="e" joint="f2" ctrlrange="-1 1"/>', "motors of single joints among them"),
+    [('<motor name="e" joint="f2" ctrlrange="-1 1"/>', "motors of some of these joints"),
      ('<motor name="e" tendon="flexor" ctrlrange="0 1"/>', "other motors that pull the same way"),
      ('<motor name="e" body="palm"/>', "'e' acts through no joint and no fixed tendon")],
 )  # fmt: skip
@@ -432,7 +432,7 @@ def test_visual_shapes_that_no_link_can_have_are_left_out(claw: Path) -> None:
 
 def test_a_figure_that_is_none_is_named(claw: Path) -> None:
     claw.write_text(HAND.replace('name="far" pos="0 0 0.06"', 'name="far" pos="0 0 2e12"'))
-    with capture(), pytest.raises(RobotError, match="joint 'curl' has the figure 2e"):
+    with capture(), pytest.raises(RobotError, match="joint 'curl' has the value 2e"):
         read_robot(describe_urdf(claw))
 
 
@@ -489,6 +489,6 @@ def test_angles_that_look_like_radians_are_found(claw: Path, compiler: str) -> N
     claw.write_text(text.replace('angle="degree"', f'angle="{compiler}"'))
     found = [one for one in audit_urdf(claw).findings if one.code is FindingCode.ANGLE_IN_RADIANS]
     assert len(found) == (compiler == "degree")
-    assert all("by more than 1.5 degrees" in one.message for one in found)
+    assert all("larger than 1.5 degrees" in one.message for one in found)
     claw.write_text(HAND)
     assert FindingCode.ANGLE_IN_RADIANS not in {one.code for one in audit_urdf(claw).findings}

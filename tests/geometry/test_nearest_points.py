@@ -158,7 +158,7 @@ def test_a_face_is_found_by_its_direction():
     below = half_space("box", normal, offset, T)
     patch = nearest_patch(placed("sphere", T @ pose_matrix([9.0, -0.1, 9.0])), [below])
     assert patch.gaps == pytest.approx([0.1 - 0.03 - 0.03])
-    with pytest.raises(ArgumentError, match=r"pins\[0\]: is .*no face looks that way, the nearest"):
+    with pytest.raises(ArgumentError, match=r"pins\[0\]: is .*no face has this normal"):
         face_along("pins[0]", placed("box", T), T, np.array([0.0, 1.0, 1.0]))
-    with pytest.raises(ArgumentError, match="the nearest looks along none"):
+    with pytest.raises(ArgumentError, match="the nearest is none"):
         face_along("pins[0]", placed("sphere", T), T, np.array([0.0, 1.0, 1.0]))

@@ -70,7 +70,7 @@ SCALED = np.diag([1.0, 1.0, 1.1, 1.0])
     ("make", "message"),
     [
         (lambda: as_pose("T_world_base", np.eye(3)), r"T_world_base: .*\(4, 4\).*\(3, 3\)"),
-        (lambda: as_pose("T_world_base", MIRROR), "T_world_base: .*mirrors"),
+        (lambda: as_pose("T_world_base", MIRROR), "T_world_base: .*reflection"),
         (lambda: as_pose("T_world_base", SCALED), "T_world_base: .*not orthonormal"),
         (lambda: as_pose("T_world_base", np.ones((4, 4))), "last row"),
         (lambda: as_pose("T_world_base", np.full((4, 4), np.nan)), "finite"),
@@ -106,7 +106,7 @@ def test_a_pose_is_rigid_up_to_the_tolerance(angles, spoilt, amount, mirrored):
         with pytest.raises(ArgumentError, match="not orthonormal"):
             as_pose("T", T)
     elif mirrored:
-        with pytest.raises(ArgumentError, match="mirrors"):
+        with pytest.raises(ArgumentError, match="reflection"):
             as_pose("T", T)
     else:
         np.testing.assert_array_equal(as_pose("T", T), T)

@@ -70,7 +70,10 @@ VALID = "name: r\nmodel: allegro_right_hand\n"
         ),
         (VALID + "effort_limits: {f: {limit: 1}}", "effort_limits.f: .*'limit' and 'source'"),
         (VALID + "effort_limits: {f: {unknown: x, source: y}}", "or only 'unknown'"),
-        (VALID + "couplings: {j: {follows: {a: 1}, multiplier: 2}}", "couplings.j: .*one leader"),
+        (
+            VALID + "couplings: {j: {follows: {a: 1}, multiplier: 2}}",
+            "couplings.j: .*single leader",
+        ),
         (VALID + "couplings: {j: {follows: {}}}", "couplings.j.follows: found {}; needs text"),
         (
             VALID + "tendons: {t: {moment_arms: {}}}",
@@ -101,7 +104,7 @@ def test_bad_robot_files(tmp_path, text, message):
         ("tendons: {t: {moment_arms: {nope: 1}}}", "robot 'r': tendons: unknown joint 'nope'"),
         ("effort_limits: {nope: {unknown: x}}", "robot 'r': .*joint 'nope'"),
         ("effort_limits: {nope: {limit: 1, source: s}}", "robot 'r': .*joint 'nope'"),
-        ("effort_limits: {joint_0.0: {limit: -1, source: s}}", "robot 'r': .*not negative"),
+        ("effort_limits: {joint_0.0: {limit: -1, source: s}}", "robot 'r': .*must not be negative"),
     ],
 )
 def test_robot_files_that_do_not_fit_their_urdf(tmp_path, text, message):
@@ -144,25 +147,25 @@ LOOP = joint("i", "a", "b") + joint("j", "b", "a")
         (link("a") * 2, "two links are called 'a'"),
         (TWO, "one root link, found a, b"),
         (TWO + LOOP, "one root link, found none"),
-        (TWO + joint("i", "a", "a"), "root link is 'b', .* on a loop of joints: a; correct"),
-        (TWO + link("c") + LOOP, "root link is 'c', .* on a loop of joints: a, b; correct"),
+        (TWO + joint("i", "a", "a"), "root link 'b', but form a loop of joints: a; correct"),
+        (TWO + link("c") + LOOP, "root link 'c', but form a loop of joints: a, b; correct"),
         (TWO + joint("i", "a", "b") * 2, "two joints are called 'i'"),
         (TWO + joint("i", "a", "b") + joint("j", "a", "b"), "'b' is the child of two joints"),
-        (TWO + joint("j", "a", "c"), "joint 'j' names the child link 'c', which does not exist"),
+        (TWO + joint("j", "a", "c"), "joint 'j' has the child link 'c', which does not exist"),
         (TWO + '<joint name="j" type="fixed"><child link="b"/></joint>', "parent link None"),
         (
             TWO + link("c") + joint("i", "a", "b") + joint("j", "b", "c", "floating"),
-            "joint 'j' is floating and does not carry the whole robot; use revolute",
+            "joint 'j' is floating but does not carry the whole robot; use revolute",
         ),
         (
             TWO + link("c") + joint("i", "a", "b") + joint("j", "a", "c", "planar"),
-            "joint 'j' is planar and does not carry the whole robot",
+            "joint 'j' is planar but does not carry the whole robot",
         ),
         (
             TWO + joint("j", "a", "b", "Revolute"),
             r"type 'Revolute'; did you mean 'revolute'\? known: ",
         ),
-        (TWO + joint("j", "a", "b", limit=""), "joint 'j' is revolute and has no <limit"),
+        (TWO + joint("j", "a", "b", limit=""), "joint 'j' is revolute but has no <limit"),
         (TWO + joint("j", "a", "b", limit='lower="low"'), "limit lower='low', .*not a number"),
         (TWO + joint("j", "a", "b", limit='effort="nan"'), "limit effort='nan'"),
         (
@@ -171,7 +174,7 @@ LOOP = joint("i", "a", "b") + joint("j", "b", "a")
         ),
         (
             TWO + joint("j", "a", "b", extra='<mimic joint="j"/>'),
-            "circle: j -> j; let one of them lead",
+            "circle: j -> j; remove one of them",
         ),
         (link("a", '<box size="1 x 1"/>'), "link 'a' has box size='1 x 1', which is not 3 numbers"),
         (link("a", "<sphere/>"), "sphere radius='', which is not a number"),

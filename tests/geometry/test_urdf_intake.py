@@ -60,7 +60,7 @@ def test_a_prefix_counts(tmp_path):
     file = write_urdf(tmp_path, TWO + HINGE.replace("hinge", "n" * 190))
     robot = RobotDescription("hand", file)
     assert Hand.assemble([Mount(robot, prefix="left_")]).joint_names == ("left_" + "n" * 190,)
-    with pytest.raises(RobotError, match="its hand's prefix included"):
+    with pytest.raises(RobotError, match="including its hand's prefix"):
         Hand.assemble([Mount(robot, prefix="the_left_hand_")])
 
 

@@ -92,7 +92,7 @@ def test_a_robot_file_gives_packages_and_arguments(claw: Path, tmp_path: Path) -
 @pytest.mark.usefixtures("here")
 @pytest.mark.parametrize(("old", "new", "said"), [
     ("claw_parts", "other_parts", "other_parts"),
-    ('<xacro:arg name="effort" default="0.7"/>', "", "effort.*go under xacro_args in a robot file"),
+    ('<xacro:arg name="effort" default="0.7"/>', "", "effort.*under xacro_args in a robot file"),
     ('sign="1"', "", "sign"),
 ])  # fmt: skip
 def test_what_cannot_be_expanded_is_said(

@@ -307,7 +307,7 @@ def test_a_scene_names_states_of_its_srdf(folder: Path) -> None:
 
 @pytest.mark.parametrize(
     ("states", "words"),
-    [("bant", "unknown state 'bant'.*whole/bent"), ("odd", "'j3' at 0.5 and 0.6; name one")],
+    [("bant", "unknown state 'bant'.*whole/bent"), ("odd", "'j3' at 0.5 and 0.6; give one")],
 )
 def test_states_that_are_unknown_or_disagree_are_named(
     folder: Path, states: str, words: str
@@ -344,7 +344,9 @@ def test_what_an_srdf_says_of_other_robots_is_told_and_refused_where_it_is_asked
     scene.write_text(cut.format(srdf="moveit/config.srdf", states="end/bent", more=""))
     assert load_scene(scene).hand.q == {"j3": 0.3}  # pyright: ignore
     scene.write_text(cut.format(srdf="moveit/config.srdf", states="whole/bent", more=""))
-    with pytest.raises(SceneError, match="'whole/bent' of an SRDF puts no joint of this robot"):
+    with pytest.raises(
+        SceneError, match="'whole/bent' of an SRDF gives no position of a joint of this robot"
+    ):
         load_scene(scene)
 
 
@@ -352,8 +354,8 @@ def test_what_an_srdf_says_of_other_robots_is_told_and_refused_where_it_is_asked
     ("old", "new", "words"),
     [
         ('value="0.2"', 'value="far"', r"'whole/bent' puts joint 'j2' at 'far'"),
-        ('<group name="end"/>', '<group name="and"/>', "'both' holds 'and', which is no group"),
-        ('<group name="end"/>', '<group name="both"/>', "'both' holds itself"),
+        ('<group name="end"/>', '<group name="and"/>', "'both' contains 'and', which is no group"),
+        ('<group name="end"/>', '<group name="both"/>', "'both' contains itself"),
         ('tip_link="c"', 'tip_link="d"', "chain from link 'base' to 'd'"),
         ("<robot", "<robot", ""),
     ],

@@ -163,7 +163,7 @@ def test_a_state_without_torques_still_has_gaps():
             [("finger_1_tip", "table")],
             r"pins\[0\]: pairs .* exactly one of them must be the object",
         ),
-        ([("finger_1_tip", "object", [0.0, 1.0, 1.0])], r"pins\[0\]: .*no face looks that way"),
+        ([("finger_1_tip", "object", [0.0, 1.0, 1.0])], r"pins\[0\]: .*no face has this normal"),
         ([("finger_1_tip", "object", [0.0, 0.0, 0.0])], r"pins\[0\]: needs a direction"),
     ],
 )

@@ -217,9 +217,9 @@ def _audit_meshes(robot: RobotDescription, model: RobotModel) -> Iterator[Findin
         yield Finding(
             FindingCode.MESH_AXES,
             "robot",
-            f"collision meshes say that another axis than z is up: {first_of(rotated, 3)}",
-            "nothing to do if the robot looks right: readers of URDF leave its meshes as they are, "
-            "and so does this one",
+            f"collision meshes state that an axis other than z is up: {first_of(rotated, 3)}",
+            "nothing to do if the robot looks right: this reader does not turn meshes, as most "
+            "readers of URDF",
         )
 
 
@@ -267,9 +267,9 @@ def _audit_mesh(
         yield Finding(
             FindingCode.HOLLOW_MESH,
             where,
-            f"the convex hull of {name}, which stands for it, has {ratio:.1f} times its volume",
-            f"if its hollows matter, give 'convex: {{{link}: decompose}}' in the scene's hand or "
-            "in a robot file",
+            f"the convex hull of {name}, which replaces it, has {ratio:.1f} times its volume",
+            f"if its concave parts matter, give 'convex: {{{link}: decompose}}' in the scene's "
+            "hand or in a robot file",
         )
 
 
@@ -404,7 +404,7 @@ def _audit_shapes(model: RobotModel) -> Iterator[Finding]:
         yield Finding(
             FindingCode.NO_SHAPES,
             "robot",
-            "no link has collision geometry: it never touches anything",
+            "no link has collision geometry, so the robot touches nothing",
             "add <collision> shapes, at least to the fingertips, let the visual shapes collide "
             "(visuals_collide: true in the scene's hand or a robot file), or give the contacts in "
             "the scene",
@@ -422,9 +422,9 @@ def _audit_shapes(model: RobotModel) -> Iterator[Finding]:
         yield Finding(
             FindingCode.WEIGHTLESS_LINK,
             f"links {', '.join(weightless)}",
-            "have shapes but no mass: motors do not carry their weight, and if one moves no other "
-            "mass there are no verdicts",
-            "add <inertial> with their mass, unless other links have it",
+            "have shapes but no mass: their weight is left out, and if a joint moves no other "
+            "mass, there are no verdicts",
+            "add <inertial> with their mass, unless other links include it",
         )
 
 
@@ -448,7 +448,7 @@ def _audit_joints(robot: RobotDescription, joined: JoinedMounts) -> Iterator[Fin
     """Find doubtful effort limits and joints that cannot be at zero."""
     tree = joined.tree
     for name, effort in describe_efforts(robot, joined).items():
-        note = " (position-controlled unless asked)" if name in joined.held_joints else ""
+        note = " (position-controlled by default)" if name in joined.held_joints else ""
         where = f"{'tendon' if name in joined.tendons else 'joint'} {name}"
         if name in joined.effort_unknown and not effort.known:
             yield Finding(
@@ -475,8 +475,8 @@ def _audit_joints(robot: RobotDescription, joined: JoinedMounts) -> Iterator[Fin
         yield Finding(
             FindingCode.LOCKED_JOINT,
             f"joint {name}",
-            f"both its limits are {where:g}: it never moves, and needs no motor",
-            "nothing to do if that is meant; a <limit> without lower and upper means 0 and 0",
+            f"both its limits are {where:g}: it never moves and needs no motor",
+            "nothing to do if this is intended; a <limit> without lower and upper means 0 and 0",
         )
     for index, name in enumerate(tree.joint_names):
         limits = f"[{tree.lower[index]:g}, {tree.upper[index]:g}]"
@@ -485,16 +485,14 @@ def _audit_joints(robot: RobotDescription, joined: JoinedMounts) -> Iterator[Fin
                 FindingCode.NEUTRAL_OUTSIDE,
                 f"joint {name}",
                 f"follows its leader to {rest[index]:g}, outside its limits {limits}",
-                "name a position of the leader in q, or correct limits, multiplier or offset",
+                "give a position of the leader in q, or correct limits, multiplier or offset",
             )
         elif abs(rest[index]) > LIMIT_TOLERANCE and name in movable:
             is_own_limit = not lowest[index] <= 0.0 <= highest[index]
-            limits_words = (
-                f"its limits {limits}" if is_own_limit else "the limits of what follows it"
-            )
+            limits_words = f"its limits {limits}" if is_own_limit else "the limits of its followers"
             yield Finding(
                 FindingCode.NEUTRAL_OUTSIDE,
                 f"joint {name}",
-                f"zero is outside {limits_words}; unnamed, it stands at {rest[index]:g}",
-                "name its position in q if that is not what is meant",
+                f"zero is outside {limits_words}; if not in q, it is at {rest[index]:g}",
+                "give its position in q if this is not intended",
             )

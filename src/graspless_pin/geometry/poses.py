@@ -170,7 +170,7 @@ def _refuse_pose(name: str, pose: FloatArray) -> NoReturn:
         raise ArgumentError(
             name, f"the position is {pose[:3, 3].tolist()}; it must be within ±{LARGEST_LENGTH:g} m"
         )
-    raise ArgumentError(name, "the rotation part mirrors (determinant -1); flip one axis")
+    raise ArgumentError(name, "the rotation part is a reflection (determinant -1); flip one axis")
 
 
 def unit_vector(vector: FloatArray, least: float = 0.0) -> FloatArray:

@@ -179,7 +179,7 @@ def unit_findings(target: ManipulatedObject, *, beside_hand: bool) -> Iterator[F
             FindingCode.UNLIKELY_DENSITY,
             target.name,
             f"object '{target.name}' has {density:.3g} kg/m^3, which is "
-            + ("more than any metal has" if is_heavy else "less than air has"),
+            + ("more than any metal" if is_heavy else "less than air"),
             f"give the mass in kilograms and lengths in metres{_unit_guess(target, density, size)}",
             ("object", "mass"),
         )

@@ -338,7 +338,7 @@ class SceneEntry(Entry):
         default=1e-3, description="[m] largest gap at which two bodies touch"
     )
     max_penetration: Length = Field(
-        default=5e-3, description="[m] deepest overlap that passes for contact"
+        default=5e-3, description="[m] deepest overlap that counts as contact"
     )
     points_per_patch: PatchPoints = Field(
         default=8, description="most contacts that stand for one face on a face"

@@ -72,11 +72,15 @@ Concavity = Annotated[
     BeforeValidator(no_truth_value),
 ]
 DecomposeTimeLimit = Annotated[
-    Seconds, Field(description="[s] time that the cut of each mesh may take")
+    Seconds, Field(description="[s] time limit for cutting each mesh into convex pieces")
 ]
 MaxPieces = Annotated[
     int,
-    Field(ge=1, le=MOST_PIECES, description="most convex pieces of each mesh; default: no limit"),
+    Field(
+        ge=1,
+        le=MOST_PIECES,
+        description="largest number of convex pieces of each mesh; default: no limit",
+    ),
     BeforeValidator(no_truth_value),
 ]
 
@@ -154,8 +158,8 @@ def convex_pieces(mesh: trimesh.Trimesh, label: str, cut: Cut = Cut()) -> tuple[
             Finding(
                 FindingCode.OPEN_MESH,
                 label,
-                f"{label} is not watertight: its convex pieces are those of a skin around it, "
-                "which may be off by a hundredth of its size",
+                f"{label} is not watertight: its convex pieces are those of a closed surface "
+                "around it, up to about 1 % of its size away",
                 "repair it, or use its convex hull",
             )
         )
@@ -196,8 +200,8 @@ def _piece_corners(mesh: trimesh.Trimesh, label: str, cut: Cut) -> Iterator[Floa
     spare_pieces = None if cut.max_pieces is None else cut.max_pieces - len(solids)
     if spare_pieces is not None and spare_pieces < 0:
         raise MeshError(
-            f"{label} has {len(solids)} parts that are not connected, more than max_pieces, "
-            f"{cut.max_pieces}; raise it, or use its convex hull"
+            f"{label} has {len(solids)} unconnected parts, more than max_pieces "
+            f"({cut.max_pieces}); raise max_pieces, or use its convex hull"
         )
     with ChildProcess() as child:
         for solid in solids:

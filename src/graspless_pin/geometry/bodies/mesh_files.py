@@ -66,7 +66,7 @@ def parse_mesh(path: Path, *, upright: bool) -> Any:
         gc.collect()  # trimesh leaves three times the file's size in cycles
     for message in captured.messages:
         if any(fault in message for fault in _PARTIAL_READS):
-            raise MeshError(f"mesh file '{path}' can be read in part only ({message})")
+            raise MeshError(f"mesh file '{path}' can only be read in part ({message})")
     if ending == ".dae" and isinstance(mesh, trimesh.Trimesh):
         meter, up = dae_frame(path, content)
         T = np.diag([meter, meter, meter, 1.0])
@@ -88,7 +88,7 @@ def dae_frame(path: Path, content: bytes) -> tuple[float, str]:
     meter = float(text) if _NUMBER.fullmatch(text) else 0.0
     if not SMALLEST_LENGTH <= meter <= LARGEST_LENGTH:
         raise MeshError(
-            f"mesh file '{path}' states the unit {text[:40]!r}, which is no length in metres"
+            f"mesh file '{path}' states the unit {text[:40]!r}; it must be a length in metres"
         )
     return meter, "" if up is None else up[1].decode()
 
@@ -129,11 +129,12 @@ def _resolved_file(path: Path, name: str) -> Path:
     relative = PurePosixPath(unquote(name).replace("\\", "/"))
     if relative.is_absolute() or ".." in relative.parts or "\0" in name or ":" in name:
         raise MeshError(
-            f"mesh file '{path}' names the file {name[:100]!r}; only files beside it are opened"
+            f"mesh file '{path}' names the file {name[:100]!r}; only files in its own folder "
+            "are opened"
         )
     file = path.parent / relative
     if not is_file(file) and not _is_missing(file):
-        raise MeshError(f"mesh file '{path}' names {name[:100]!r}, which is no regular file")
+        raise MeshError(f"mesh file '{path}' names {name[:100]!r}, which is not a regular file")
     return file
 
 

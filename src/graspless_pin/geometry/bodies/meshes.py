@@ -74,9 +74,9 @@ def hull_corners(vertices: FloatArray, label: str) -> tuple[FloatArray, tuple[Fi
     finding = Finding(
         FindingCode.SIMPLIFIED_HULL,
         label,
-        f"{label} has {len(vertices)} vertices: the {len(corners)} corners of the hull that stands "
-        f"for it leave out up to {1e3 * omitted:.2g} mm",
-        "give a mesh of fewer vertices where contacts have to be nearer than that",
+        f"{label} has {len(vertices)} vertices; it is replaced by a convex hull of "
+        f"{len(corners)} vertices, which leaves out up to {1e3 * omitted:.2g} mm",
+        "give a mesh of fewer vertices if contacts must be more accurate",
     )
     return corners, (finding,)
 
@@ -127,9 +127,9 @@ def simplified_for_cutting(
     finding = Finding(
         FindingCode.SIMPLIFIED_HULL,
         label,
-        f"{label} has {len(faces)} triangles: {len(triangles)} stand for it where it is cut into "
-        f"convex pieces, up to {1e3 * distance:.2g} mm away from its vertices",
-        "give a mesh of fewer triangles where contacts have to be nearer than that",
+        f"{label} has {len(faces)} triangles; for the cut into convex pieces it is replaced by "
+        f"{len(triangles)} triangles, up to {1e3 * distance:.2g} mm away from its vertices",
+        "give a mesh of fewer triangles if contacts must be more accurate",
     )
     return points, triangles, (finding,)
 
@@ -259,7 +259,7 @@ def load_mesh(path: Path, *, upright: bool = True) -> trimesh.Trimesh:
         raise MeshError(f"mesh file '{path}' has no faces; export it as a triangle mesh")
     # Not all readers that trimesh uses check this.
     if mesh.faces.min() < 0 or mesh.faces.max() >= len(mesh.vertices):
-        raise MeshError(f"mesh file '{path}' has faces of vertices that it does not have")
+        raise MeshError(f"mesh file '{path}' has faces with vertices that do not exist")
     if not np.isfinite(mesh.vertices).all():
         raise MeshError(f"mesh file '{path}' has vertices that are not finite numbers")
     _check_extent(path, mesh)
@@ -301,7 +301,8 @@ def file_state(path: Path) -> tuple[str, int, int]:
         status = path.stat()
     except (OSError, ValueError):
         raise MeshError(
-            f"mesh file '{path}' does not exist; check the path and what it is relative to"
+            f"mesh file '{path}' does not exist; check the path and the folder that it is relative "
+            "to"
         ) from None
     note_read(path, status)
     return str(path.absolute()), status.st_mtime_ns, status.st_size
@@ -374,8 +375,8 @@ def _hull_points(
         axes_finding = Finding(
             FindingCode.MESH_AXES,
             str(path),
-            f"mesh file '{path}' says {up}: its {up[0].lower()} axis is the object's z axis",
-            "write <up_axis>Z_UP</up_axis> into it, or turn the object, if z was up all along",
+            f"mesh file '{path}' states {up}: its {up[0].lower()} axis becomes the object's z axis",
+            "if z is up in the file, write <up_axis>Z_UP</up_axis> into it, or turn the object",
         )
         findings = (*findings, axes_finding)
     return read_only(points), findings

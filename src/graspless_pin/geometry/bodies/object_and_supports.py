@@ -287,7 +287,7 @@ class Support(Brief, _PlacedShape):
 
 def _check_name(name: str) -> None:
     if not isinstance(name, str) or not name.strip():
-        raise ArgumentError("name", f"needs a name that messages can use, got {name!r}")
+        raise ArgumentError("name", f"needs a text that is not empty, got {name!r}")
     if fault := fault_of_name(name):
         raise ArgumentError("name", fault)
 
@@ -333,7 +333,7 @@ def _checked_inertia(inertia: ArrayLike) -> FloatArray:
         raise ArgumentError(
             "inertia",
             f"has the principal moments {low:g}, {middle:g} and {high:g} kg m^2; none may "
-            "be larger than the two others together",
+            "be larger than the sum of the other two",
         )
     return matrix
 
@@ -374,7 +374,7 @@ class Materials(Record):
                 pair, figure = frozenset((first, second)), real_number(key, value, 0.0)
                 if coefficients.setdefault(pair, figure) != figure:
                     raise ArgumentError(
-                        key, f"is {value:g}, but {coefficients[pair]:g} the other way round"
+                        key, f"is {value:g}, but {coefficients[pair]:g} for the reversed pair"
                     )
         return cls(coefficients)
 

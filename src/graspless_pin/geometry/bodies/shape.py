@@ -151,7 +151,7 @@ class Shape(ABC):
     @classmethod
     def set_of(cls, geometry: Any) -> ConvexSet:
         """Return the convex set that a coal geometry fills, for contact detection."""
-        raise NotImplementedError(f"{cls.__name__} has a coal_type and needs 'set_of', too")
+        raise NotImplementedError(f"{cls.__name__} has a coal_type, so it needs 'set_of'")
 
     def placements(self) -> FloatArray | None:
         """Return (K, 4, 4) poses of the pieces in the shape's frame; None: identities."""
@@ -193,7 +193,7 @@ class Shape(ABC):
     def entry(cls) -> type[Entry]:
         """Return the schema of the shape's mapping in a scene file; a path is a text there."""
         hints = get_type_hints(cls, include_extras=True)
-        description = f"says that it is a {cls.kind.replace('_', '-')}"
+        description = f"the shape is a {cls.kind.replace('_', '-')}"
         keys: Any = {"type": (Literal[cls.kind], Field(description=description))} | {
             field.name: (hints[field.name], ... if field.default is MISSING else field.default)
             for field in fields(cls)
@@ -291,7 +291,7 @@ class Hull(Polyhedron):
     kind = "hull"
     coal_type = coal.ConvexBase
     points: Annotated[
-        Points, Field(description="[m] its corners, in its frame; points inside do no harm")
+        Points, Field(description="[m] its corners, in its frame; points inside have no effect")
     ]
 
     def __post_init__(self) -> None:
@@ -426,7 +426,7 @@ def convex_geometry(points: FloatArray, label: str = "the mesh") -> Any:
     thickness = float(np.ptp(centered @ principal_axes[-1]))
     if thickness < _LEAST_THICKNESS_RATIO * size:  # coal would end the process
         raise MeshError(
-            f"{label} is next to flat: {thickness:.3g} m thick and {size:.3g} m wide; give it a "
+            f"{label} is almost flat: {thickness:.3g} m thick and {size:.3g} m wide; give it a "
             f"thickness of at least {_LEAST_THICKNESS_RATIO:g} of its width"
         )
     corners: Any = coal.StdVec_Vec3s()
@@ -441,7 +441,7 @@ def convex_geometry(points: FloatArray, label: str = "the mesh") -> Any:
             error = failure
     reason = " ".join(str(error).rpartition("message:")[2].split())
     if reason.startswith("Too many neighbors"):
-        reason = "more than 254 edges of it meet in one corner, such as the tip of a cone"
+        reason = "more than 254 of its edges meet at one vertex, such as the tip of a cone"
     raise MeshError(f"{label} has no usable convex hull ({reason}); simplify it") from error
 
 

@@ -287,7 +287,7 @@ class MeshShape(Shape):
         Length | Lengths,
         Field(
             description="[m] length of one unit of the file: 0.001 for millimetres; a DAE that "
-            "states its unit is in metres already, and its axis that is up becomes z"
+            "states its unit is converted to metres, and its up axis becomes z"
         ),
     ] = 1.0
     convex: Annotated[
@@ -344,7 +344,7 @@ class MeshShape(Shape):
             )
             if 0.0 < float(mesh.volume) <= float(hull.volume) * (1.0 + 1e-9) + lost_volume:
                 return Filling.of_mesh(mesh)
-            problem = "has parts that lie in each other"
+            problem = "has parts that overlap or lie inside each other"
         else:
             problem = "is not watertight"
         emit(
@@ -391,7 +391,7 @@ class HalfSpace(Shape):
 
     def surface(self, max_faces: int = MOST_FACES) -> Triangles:
         """Raise ArgumentError: a half-space is unbounded."""
-        raise ArgumentError("shape", "a half-space has no end; draw it with slab_triangles")
+        raise ArgumentError("shape", "a half-space is unbounded; draw it with slab_triangles")
 
     def mjcf_geom(self) -> dict[str, Any]:
         """Return the attributes of MJCF."""

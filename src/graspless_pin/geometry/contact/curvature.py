@@ -270,7 +270,7 @@ def _patch_of_pieces(first: CollisionBody, second: CollisionBody) -> Patch:
     solids = placed_set(first)[0], placed_set(second)[0]
     if isinstance(solids[1], Plane):
         if isinstance(solids[0], Plane):
-            raise SceneError(f"'{first.name}' and '{second.name}' are both flat without an end")
+            raise SceneError(f"'{first.name}' and '{second.name}' are both unbounded planes")
         patch = find_patch(second, first, math.inf, math.inf)
         result = None if patch is None else patch._replace(normal=-patch.normal)
     else:
@@ -354,7 +354,7 @@ def face_along(
     if best < math.cos(PARALLEL_ANGLE):
         axis = plane[0].round(3).tolist() if best > -1.0 else "none"
         raise ArgumentError(
-            name, f"is {direction.tolist()}; no face looks that way, the nearest looks along {axis}"
+            name, f"is {direction.tolist()}; no face has this normal; the nearest is {axis}"
         )
     return plane
 

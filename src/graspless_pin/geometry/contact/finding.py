@@ -272,8 +272,8 @@ def _patch_contacts(
             raise StateError(
                 StateFault.OVERLAP,
                 f"{'hand link' if kind is BodyKind.HAND else 'support'} '{name}' and object "
-                f"'{pieces.shapes.names[0]}' overlap by {depth * 1e3:.2f} mm, more than the "
-                f"{limits.max_penetration * 1e3:.2f} mm that pass for contact; move one until they "
+                f"'{pieces.shapes.names[0]}' overlap by {depth * 1e3:.2f} mm, more than "
+                f"max_penetration ({limits.max_penetration * 1e3:.2f} mm); move one until they "
                 "touch",
             )
         for touch in merged:

@@ -99,7 +99,7 @@ def plan_actuation(
             raise ArgumentError(
                 "control",
                 f"the joints of tendon {', '.join(group)} have different control modes; give them "
-                "one",
+                "the same mode",
             )
         if own_modes != {ControlMode.FORCE}:
             continue
@@ -107,8 +107,8 @@ def plan_actuation(
         if np.linalg.matrix_rank(R) < len(group):
             raise ArgumentError(
                 "tendons",
-                f"{', '.join(group)} pull the same joints in the same way; tensions of redundant "
-                "tendons cannot be told apart, keep as many as there are joints",
+                f"{', '.join(group)} are redundant: they pull the same joints, so their tensions "
+                "are not unique; keep at most as many tendons as joints",
             )
         columns += _embedded_columns(R.T @ np.linalg.inv(R @ R.T), joints, count)
         tendon_names += group
@@ -161,7 +161,9 @@ def _moment_arms(tree: KinematicTree, name: str, joints: Mapping[str, float]) ->
     independent = row @ tree.coupling.S
     independent[[name in tree.locked for name in tree.leader_names]] = 0.0
     if not np.isfinite(independent).all() or not independent.any():
-        raise ArgumentError(argument, f"needs a moment arm where a joint moves, got {dict(joints)}")
+        raise ArgumentError(
+            argument, f"needs a moment arm at a joint that can move, got {dict(joints)}"
+        )
     return independent
 
 
@@ -236,7 +238,7 @@ def entry_by_joint(
     tendons: Mapping[str, Mapping[str, float]] = MappingProxyType({}),
     *,
     argument: str = "effort_limits",
-    instead: str = "limit the joint it follows",
+    instead: str = "give the limit of the joint it follows",
 ) -> dict[str, str]:
     """Return, for each driven joint and each tendon, the entry of ``names`` that applies to it.
 
@@ -265,7 +267,8 @@ def entry_by_joint(
             own = [joint for joint in driving_joints(tree, fingers[name]) if joint not in pulled]
             if not own:
                 raise ArgumentError(
-                    f"{argument}[{name!r}]", "no motor moves this finger; limit its tendons"
+                    f"{argument}[{name!r}]",
+                    "no joint motor moves this finger; give limits of its tendons",
                 )
             spread |= dict.fromkeys(own, name)
     for name in names:
@@ -273,7 +276,9 @@ def entry_by_joint(
         if name in fingers:
             continue
         if name in pulled:
-            raise ArgumentError(where, f"tendon {pulled[name]!r} pulls this joint; limit that")
+            raise ArgumentError(
+                where, f"tendon {pulled[name]!r} pulls this joint; give the limit of the tendon"
+            )
         if name not in leaders and name not in tendons:
             if name in tree.joint_index:
                 raise ArgumentError(where, f"this joint mimics another one; {instead}")
@@ -336,7 +341,12 @@ def resolve_effort_limits(
             "look like placeholders",
             ", ".join(doubtful.values()),
         ),
-        (FindingCode.UNKNOWN_EFFORT, declared, "the robot file declares unknown", unknown_words),
+        (
+            FindingCode.UNKNOWN_EFFORT,
+            declared,
+            "the robot file declares to be unknown",
+            unknown_words,
+        ),
     ):
         if listed:
             emit(
@@ -371,7 +381,7 @@ def _limit_pair(name: str, limit: EffortLimit) -> tuple[float, float]:
         raise ArgumentError(argument, f"needs a finite number or a pair, got {limit!r}")
     if values.shape == ():
         if values < 0.0:
-            raise ArgumentError(argument, f"a symmetric limit is not negative, got {limit!r}")
+            raise ArgumentError(argument, f"a symmetric limit must not be negative, got {limit!r}")
         return -float(values), float(values)
     if values[0] > values[1]:
         raise ArgumentError(argument, f"the lower limit is above the upper one: {limit!r}")

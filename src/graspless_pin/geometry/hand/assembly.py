@@ -292,13 +292,13 @@ def describe_efforts(robot: RobotDescription, joined: JoinedMounts) -> dict[str,
             continue
         note = joined.effort_unknown.get(name)
         if note is None and is_placeholder(float(upper[index]), on_arm=name in joined.outer_joints):
-            note = "the URDF's or MJCF's, which looks like a placeholder"
-        source = note or "the URDF's or MJCF's"
+            note = "the URDF or MJCF, whose limit looks like a placeholder"
+        source = note or "the URDF or MJCF"
         efforts[name] = EffortRecord(
             float(lower[index]), float(upper[index]), known=False, source=source
         )
     for name in tendons:
-        stated_by = "the MJCF's" if name in joined.tensions else "no file states it"
+        stated_by = "the MJCF" if name in joined.tensions else "not stated in any file"
         ends = joined.tensions.get(name, (0.0, float("inf")))
         source = joined.effort_unknown.get(name, stated_by)
         efforts[name] = EffortRecord(*ends, known=False, source=source)
@@ -328,7 +328,11 @@ def joint_armatures(
         return dict.fromkeys(tree.coupling.leaders, real_number("armature", armature, 0.0))
     values = {name: real_number(f"armature[{name!r}]", one, 0.0) for name, one in armature.items()}
     spread = entry_by_joint(
-        tree, fingers, values, argument="armature", instead="give the rotor of the joint it follows"
+        tree,
+        fingers,
+        values,
+        argument="armature",
+        instead="give the armature of the joint it follows",
     )
     return {tree.joint_index[joint]: values[name] for joint, name in spread.items()}
 

@@ -66,8 +66,8 @@ def joint_positions(
                 name, leader_names = tree.joint_names[index], _leader_names_text(tree, index)
                 raise ArgumentError(
                     f"q[{name!r}]",
-                    f"is {value:g}, but this joint mimics {leader_names} and stands at "
-                    f"{positions[index]:g}; name only {leader_names}",
+                    f"is {value:g}, but this joint mimics {leader_names} and is at "
+                    f"{positions[index]:g}; give only {leader_names}",
                 )
     return _checked_positions(tree, positions, q)
 

@@ -93,7 +93,7 @@ def resolve_couplings(joint_names: Sequence[str], couplings: Iterable[JointCoupl
         if name in chain:
             circle = " -> ".join([*chain[chain.index(name) :], name])
             raise RobotError(
-                f"mimic joints follow each other in a circle: {circle}; let one of them lead"
+                f"mimic joints follow each other in a circle: {circle}; remove one of them"
             )
         if name not in rows:
             coupling = follows[name]
@@ -184,8 +184,8 @@ def consistent_limits(
             Finding(
                 FindingCode.CONTRADICTING_LIMITS,
                 f"joint {name}",
-                f"the limits of {name} leave no travel to {followed}, which it follows: they are "
-                "left out",
+                f"the limits of {name} leave no range to {followed}, which it follows; they are "
+                "ignored",
                 "correct limits, multiplier or offset in the file, or couple the joint in a robot "
                 "file",
                 ("hand",),

@@ -151,16 +151,16 @@ def _driven_tendons(
                 continue
             reason = "other motors that pull the same way"
             if len(shared) < len(members):
-                reason = "motors of single joints among them"
+                reason = "motors of some of these joints"
             arms = ", ".join(f"{source.joint(joint)}: {arm:g}" for joint, arm in pulls[one].items())
             _emit_left_out(
                 source, name, f"pulls a tendon over several joints ({arms} m); {reason} cannot be "
-                "told apart from it, so no limit of theirs is known"
+                "distinguished from it, so their limits are unknown"
             )  # fmt: skip
     for one in (one for one in pulls if not pulls[one] and _acts_on_robot(source, one, inside)):
         _emit_left_out(
             source, model.actuator(one).name or f"actuator_{one}",
-            "acts through no joint and no fixed tendon: what it does depends on the pose",
+            "acts through no joint and no fixed tendon, so its effect depends on the pose",
         )  # fmt: skip
     return driven
 
@@ -247,8 +247,8 @@ def joint_couplings(source: MjcfSource, inside: NDArray[np.bool_]) -> dict[int, 
             if inside[ends].all():
                 names = " and ".join(repr(model.body(end).name) for end in ends)
                 raise RobotError(
-                    f"{where} closes a loop between {names}; joints have to form a tree: "
-                    "leave it out and couple the joints instead"
+                    f"{where} closes a loop between {names}; joints must form a tree: "
+                    "remove it and couple the joints instead"
                 )
         elif kind == kinds.mjEQ_JOINT and inside[model.jnt_bodyid[first]]:
             follows = {second: float(data[1])} if second >= 0 else {}
@@ -298,7 +298,7 @@ def _moves_robot(source: MjcfSource, where: str, tendon: int, inside: NDArray[np
     joints = list(_tendon_arms(source, tendon))
     own = inside[source.model.jnt_bodyid[joints]]
     if own.any() and not own.all():
-        raise RobotError(f"{where} joins joints of the hand to others; leave it out")
+        raise RobotError(f"{where} couples joints of the hand to other joints; remove it")
     return not joints or bool(own.all())
 
 
@@ -309,7 +309,7 @@ def _couple_joints(
     driven = motor_joints(source)
     follower = min(arms, key=lambda joint: (joint in mimics, joint in driven, -joint))
     if follower in mimics:
-        raise RobotError(f"{where} couples joints that all follow others; leave one coupling out")
+        raise RobotError(f"{where} couples joints that all follow others; remove one coupling")
     arm = arms[follower]
     leaders = {joint: -other / arm for joint, other in arms.items() if joint != follower}
     mimics[follower] = leaders, length / arm
@@ -401,7 +401,7 @@ class _RobotReader:
                 Finding(
                     FindingCode.LEFT_OUT_SPRINGS, self._source.path.name,
                     f"{self._source.path}: has joints with springs; their torques are left out",
-                    "add them to what the motors have to give",
+                    "add the springs' torques to those of the motors",
                 )
             )  # fmt: skip
         self._mimics = joint_couplings(self._source, inside)

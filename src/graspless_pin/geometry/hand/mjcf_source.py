@@ -80,7 +80,7 @@ def read_mjcf(path: Path, *, keyframes: bool = False) -> MjcfSource:
                 FindingCode.READER_REMARK,
                 path.name,
                 f"{path}: MuJoCo says: {text}",
-                "look whether it matters for kinematics, shapes or limits",
+                "check whether this affects kinematics, shapes or limits",
             )
         )
     _note_included(path)
@@ -94,9 +94,9 @@ def read_mjcf(path: Path, *, keyframes: bool = False) -> MjcfSource:
             Finding(
                 FindingCode.ANGLE_IN_RADIANS,
                 path.name,
-                f"{path}: none of its hinges turns by more than {widest:.3g} degrees, which is the "
-                "unit of an MJCF that states none; these look like radians",
-                'write <compiler angle="radian"/> into it, or give the model that includes it',
+                f"{path}: no range of a hinge is larger than {widest:.3g} degrees, the unit of an "
+                "MJCF that states none; these ranges look like radians",
+                'write <compiler angle="radian"/> into it, or load the model that includes it',
             )
         )
     return MjcfSource(mujoco, path, spec, model)
@@ -187,7 +187,7 @@ def geom_shape(source: MjcfSource, geom: int) -> LinkShape:
         return LinkShape(_primitive(source, kind, *size), T)
     except ArgumentError as error:
         raise RobotError(
-            f"{source.path}: body {body!r} has a shape that cannot be: {error}"
+            f"{source.path}: body {body!r} has an impossible shape: {error}"
         ) from error
 
 
@@ -244,8 +244,8 @@ def _mesh_shape(source: MjcfSource, mesh: int) -> tuple[LinkMesh | Hull, FloatAr
     scale, T_ref = np.array(asset.scale), mj_pose(asset.refquat, asset.refpos)
     if np.ptp(scale) > 0.0 and not np.allclose(T_ref[:3, :3], np.eye(3)):
         raise RobotError(
-            f"{source.path}: the mesh {name!r} is turned and then scaled by {asset.scale}, "
-            "different along its axes; turn its file instead"
+            f"{source.path}: the mesh {name!r} is rotated and then scaled by {asset.scale}, "
+            "which differs along its axes; rotate the mesh in its file instead"
         )
     # MuJoCo's vertex is R_m^T (S R_ref^T (v - p_ref) - p_m) of the file's v.
     T_file = invert(T_ref)

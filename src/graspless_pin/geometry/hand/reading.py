@@ -101,12 +101,12 @@ def _root_element(described: RobotDescription) -> ET.Element:
             root = parse_xml(_expanded_xacro(described))
     if root.tag == "sdf":
         raise RobotError(
-            f"{path}: is an SDF, which is not read; write it as a URDF or as an MJCF, e.g. with "
+            f"{path}: is an SDF, which is not supported; convert it to URDF or MJCF, e.g. with "
             "sdformat2mjcf of the package sdformat-mjcf"
         )
     if root.tag not in ("robot", "mujoco"):
         raise RobotError(
-            f"{path}: a URDF starts with <robot> and an MJCF with <mujoco>, this file with "
+            f"{path}: a URDF starts with <robot> and an MJCF with <mujoco>, but this file with "
             f"<{root.tag}>"
         )
     return root
@@ -137,14 +137,14 @@ def _expanded_xacro(described: RobotDescription) -> bytes:
             )
     except ValueError as error:
         message = " ".join(str(error).split())
-        hint = "; values of its <xacro:arg> go under xacro_args in a robot file"
+        hint = "; give values of its <xacro:arg> under xacro_args in a robot file"
         raise RobotError(f"{path}: xacro cannot expand this file ({message}){hint}") from None
     except OverrunError:
         raise RobotError(
             f"{path}: xacro did not expand this file in {_XACRO_SECONDS:g} s"
         ) from None
     except CrashError as error:
-        raise RobotError(f"{path}: xacro ended over this file ({error})") from None
+        raise RobotError(f"{path}: xacro crashed on this file ({error})") from None
     for file in [file_included for file_included in included if is_file(file_included)]:
         note_read(file, file.stat())
     return text.encode()
@@ -201,8 +201,8 @@ def with_srdf(
                 FindingCode.READER_REMARK,
                 urdf.stem,
                 str(error),
-                "until it can be read, the pairs of links that it disables count as overlaps, and "
-                "its groups and states are unknown",
+                "until it can be read, pairs of links that it disables count as overlaps, and its "
+                "groups and states are unknown",
             )
         )
         return robot
@@ -234,8 +234,8 @@ def named_positions(
         refuse_incomplete("group_states", matches, lacking)
         if not any(states[key] for key in matches):
             raise ArgumentError(
-                "group_states", f"{name!r} of an SRDF puts no joint of this robot anywhere; take a "
-                f"state of its own joints, {names_in_words(name, states)}"
+                "group_states", f"{name!r} of an SRDF gives no position of a joint of this robot; "
+                f"use a state of its joints, {names_in_words(name, states)}"
             )  # fmt: skip
         state_positions: dict[str, float] = {}
         for key in matches:
@@ -244,7 +244,7 @@ def named_positions(
                     raise ArgumentError(
                         "group_states",
                         f"{name!r} stands for {', '.join(matches)}, which put joint {joint!r} at "
-                        f"{state_positions[joint]:g} and {value:g}; name one of them",
+                        f"{state_positions[joint]:g} and {value:g}; give one of these states",
                     )
         positions |= state_positions
     return positions
@@ -265,8 +265,8 @@ def refuse_incomplete(argument: str, names: Iterable[str], lacking: Mapping[str,
         if name in lacking:
             raise ArgumentError(
                 argument,
-                f"{name!r} of an SRDF needs what the robot does not have: {lacking[name]}; correct "
-                "the SRDF, or do without this name",
+                f"{name!r} of an SRDF has names that the robot does not have: {lacking[name]}; "
+                "correct the SRDF, or leave this name out",
             )
 
 
@@ -274,7 +274,7 @@ def _with_srdf_file(robot: RobotModel, file: Path, named: AbstractSet[str]) -> R
     with errors_of_text(file, _SRDF):
         root = parse_xml(read_bytes(file, _SRDF))
     if root.tag != "robot":
-        raise RobotError(f"{file}: an SRDF starts with <robot>, this file with <{root.tag}>")
+        raise RobotError(f"{file}: an SRDF starts with <robot>, but this file with <{root.tag}>")
     groups = _SrdfGroups(robot, file, root)
     pair_texts, lacking = _unknown_names(robot, root, named)
     items = [*pair_texts, *(f"{text} ({name!r})" for name, text in lacking.items())]
@@ -284,8 +284,8 @@ def _with_srdf_file(robot: RobotModel, file: Path, named: AbstractSet[str]) -> R
                 FindingCode.READER_REMARK,
                 robot.root,
                 f"{file} names what the robot does not have: {first_of(items, _MOST_NAMED, '; ')}",
-                "correct these names: until then such pairs are not disabled, and such groups and "
-                "states cannot be asked for",
+                "correct these names: until then, such pairs are not disabled, and such groups and "
+                "states cannot be used",
             )
         )
     return replace(
@@ -352,7 +352,7 @@ class _SrdfGroups:
     def joints(self, name: str) -> tuple[str, ...]:
         """Return the movable joints of a group, nested groups included."""
         if name in self._groups_in_progress:
-            raise RobotError(f"{self._file}: the group {name!r} holds itself; take it out of there")
+            raise RobotError(f"{self._file}: the group {name!r} contains itself; remove it there")
         self._groups_in_progress.add(name)
         names: list[str] = []
         for part in self.elements[name]:
@@ -368,7 +368,7 @@ class _SrdfGroups:
                     names += self.joints(item)
                 case "group":
                     raise RobotError(
-                        f"{self._file}: the group {name!r} holds {item!r}, which is no group; "
+                        f"{self._file}: the group {name!r} contains {item!r}, which is no group; "
                         f"{names_in_words(item, self.elements)}"
                     )
         self._groups_in_progress.remove(name)
@@ -381,7 +381,7 @@ class _SrdfGroups:
             if link not in self._above:
                 raise RobotError(
                     f"{self._file}: the group {name!r} has a chain from link {base!r} to {tip!r}, "
-                    "and the robot has no joints between them; correct the names"
+                    "but the robot has no joints between them; correct the names"
                 )
             chain.append(self._above[link].name)
             link = self._above[link].parent

@@ -215,7 +215,7 @@ class RobotModel(Record):
         for joint in self.joints:
             if joint.kind in FREE_KINDS and base_joints != [joint.name]:
                 raise RobotError(
-                    f"{self.label}: joint {joint.name!r} is {joint.kind} and does not carry the "
+                    f"{self.label}: joint {joint.name!r} is {joint.kind} but does not carry the "
                     "whole robot; use revolute, continuous, prismatic or fixed joints"
                 )
         return replace(
@@ -293,7 +293,7 @@ def _check_magnitudes(where: str, figures: Iterable[FloatArray | float]) -> None
     excessive = values[~(np.abs(values) <= LARGEST_LENGTH)]
     if len(excessive):
         raise RobotError(
-            f"{where} has the figure {excessive[0]:g}; it must be within ±{LARGEST_LENGTH:g}"
+            f"{where} has the value {excessive[0]:g}; it must be within ±{LARGEST_LENGTH:g}"
         )
 
 
@@ -315,7 +315,7 @@ def check_name_lengths(label: str, kind: str, names: Iterable[str]) -> None:
     """
     for name in names:
         if fault := fault_of_name(name):
-            raise RobotError(f"{label}: a <{kind}> {fault}, its hand's prefix included")
+            raise RobotError(f"{label}: a <{kind}> {fault}, including its hand's prefix")
 
 
 def root_of_tree(
@@ -334,9 +334,7 @@ def root_of_tree(
             link does not exist, or the links form no tree, or one that is too deep.
     """
     if len(links) > MOST_LINKS:
-        raise RobotError(
-            f"{label}: has more than {MOST_LINKS} links, the most that a robot may have"
-        )
+        raise RobotError(f"{label}: has more than {MOST_LINKS} links, the most that are supported")
     for kind, names in (("link", links), ("joint", joints)):
         check_name_lengths(label, kind, names)
         for name, count in Counter(names).items():
@@ -351,7 +349,7 @@ def root_of_tree(
         for end, link in zip(("parent", "child"), joint_ends, strict=True):
             if link not in known:
                 raise RobotError(
-                    f"{label}: joint {joint!r} names the {end} link {link or None!r}, "
+                    f"{label}: joint {joint!r} has the {end} link {link or None!r}, "
                     "which does not exist"
                 )
     for link, count in Counter(children).items():
@@ -360,7 +358,7 @@ def root_of_tree(
     roots = sorted(known - set(children))
     if len(roots) != 1:
         roots_text = ", ".join(roots) if roots else "none (the links form a loop)"
-        raise RobotError(f"{label}: a robot has one root link, found {roots_text}")
+        raise RobotError(f"{label}: a robot must have one root link, found {roots_text}")
     _check_chains(label, roots[0], ends)
     return roots[0]
 
@@ -378,13 +376,13 @@ def _check_chains(label: str, top: str, ends: Iterable[tuple[str, str]]) -> None
             unreached = sorted({child for _, child in ends} - reached)
             if unreached:
                 raise RobotError(
-                    f"{label}: the root link is {top!r}, and what does not hang on it hangs on a "
+                    f"{label}: these links are not connected to the root link {top!r}, but form a "
                     f"loop of joints: {first_of(unreached, _MOST_PLACES)}; correct their parents"
                 )
             return
     raise RobotError(
-        f"{label}: more than {LONGEST_CHAIN} joints follow each other down to link {current[0]!r}; "
-        "no robot has so many"
+        f"{label}: the chain to link {current[0]!r} has more than {LONGEST_CHAIN} joints, the "
+        "most that are supported"
     )
 
 

@@ -139,7 +139,7 @@ def _unlikely_masses(robot: RobotModel, boxes: Mapping[str, FloatArray]) -> Doub
             lengths = " x ".join(f"{1e3 * length:.3g}" for length in size.tolist())
             doubts.append((
                 f"link {link.name!r} has {link.mass:.4g} kg in a box of {lengths} mm, which is "
-                f"{density:.3g} kg/m^3, more than any metal has",
+                f"{density:.3g} kg/m^3, more than any metal",
                 f"masses are kilograms: in a file in grams this is {1e-3 * link.mass:.3g} kg",
             ))  # fmt: skip
     return doubts
@@ -176,12 +176,12 @@ def _inertia_fault(link: RobotLink, moments: FloatArray, longest: float) -> str:
     """Return the fault of a link's moments of inertia (ascending) as a text, empty without one."""
     rounded = _ROUNDED_GYRATION * link.mass
     if moments[0] < -rounded:
-        return "no body has a negative one"
+        return "none may be negative"
     if moments[2] > _OVER_REACH * link.mass * longest**2:
         times = moments[2] / (link.mass * longest**2)
         return f"the largest is {times:.2g} times that of this mass at the other end of the robot"
     if moments[2] > _OVER_SUM * (moments[0] + moments[1]) + rounded:
-        return "the largest is more than the sum of the others, which no body has"
+        return "the largest exceeds the sum of the others, which is impossible"
     return ""
 
 
@@ -209,7 +209,7 @@ def _converting_multipliers(robot: RobotModel) -> Doubts:
     return [
         (
             f"joint {one.joint!r} follows joint {leader!r} times {multiplier:g}, which is {name}",
-            "a multiplier is radians per radian: 1 where both joints turn alike",
+            "a multiplier is in radians per radian: 1 if both joints turn by the same angle",
         )
         for one in robot.couplings
         for leader, multiplier in one.follows.items()

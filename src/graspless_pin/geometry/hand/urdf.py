@@ -104,8 +104,8 @@ def _doubtful_units(
     with_inertia = [link for link in links if link.find("inertial/inertia") is not None]
     without_inertia = [
         (
-            f"link {link.get('name')!r} has a mass and no <inertia>, and others have one",
-            "add it, kg m^2: where the link turns, it counts as a point",
+            f"link {link.get('name')!r} has a mass but no <inertia>, which other links have",
+            "add it, in kg m^2; without it, the link counts as a point mass",
         )
         for link in links
         if with_inertia and link.find("inertial/mass") is not None and link not in with_inertia
@@ -155,7 +155,7 @@ def _joint_limits(
     is_limited = kind in ("revolute", "prismatic")
     if limit is None:
         if is_limited:
-            raise RobotError(f"{where} is {kind} and has no <limit lower upper effort velocity>")
+            raise RobotError(f"{where} is {kind} but has no <limit lower upper effort velocity>")
         return -np.inf, np.inf, np.inf, np.inf
     limits = {"lower": 0.0, "upper": 0.0, "effort": np.inf, "velocity": 0.0} | {
         key: _parsed_number(where, f"limit {key}", text, unlimited=True)
@@ -164,8 +164,8 @@ def _joint_limits(
     for key in ("effort", "velocity") if kind in MOVABLE_KINDS else ():
         if limits[key] < 0.0:
             raise RobotError(
-                f"{where} has the limit {key}={limit.get(key)!r}, which is negative; give the most "
-                "that it has both ways, or leave it out"
+                f"{where} has the limit {key}={limit.get(key)!r}, which is negative; give the "
+                "largest absolute value, or leave it out"
             )
     # Files without a velocity limit state a velocity of 0.
     largest = parsed_limit(limits["effort"]), parsed_limit(limits["velocity"]) or np.inf
@@ -174,8 +174,8 @@ def _joint_limits(
     if limits["lower"] > limits["upper"]:
         low, high = (limit.get(key, "0") for key in ("lower", "upper"))
         raise RobotError(
-            f"{where} has the lower limit {low} above the upper limit {high}, so that it can "
-            "stand nowhere; exchange them"
+            f"{where} has the lower limit {low} above the upper limit {high}; correct "
+            "or exchange them"
         )
     return parsed_limit(limits["lower"]), parsed_limit(limits["upper"]), *largest
 
@@ -272,7 +272,9 @@ def _link_shape(
     if shape.tag == "mesh":
         x, y, z = _parsed_numbers(where, "mesh scale", shape.get("scale", "1 1 1"), 3)
         if not (x and y and z):
-            raise RobotError(f"{where} has a mesh scale of {shape.get('scale')!r}")
+            raise RobotError(
+                f"{where} has the mesh scale {shape.get('scale')!r}; no factor may be 0"
+            )
         written = shape.get("filename", "")
         candidates = tuple(_candidate_paths(described.urdf_path, written, described.package_dirs))
         file = next((path.resolve() for path in candidates if is_file(path)), None)
@@ -303,7 +305,7 @@ def _link_shape(
     try:
         return LinkShape(kind(*sizes), T)
     except ArgumentError as error:
-        raise RobotError(f"{where} has a {kind.kind} that cannot be: {error}") from error
+        raise RobotError(f"{where} has an impossible {kind.kind}: {error}") from error
 
 
 def _origin_pose(where: str, element: ET.Element) -> FloatArray:

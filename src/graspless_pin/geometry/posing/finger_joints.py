@@ -36,8 +36,8 @@ def chosen_fingers(hand: Hand, fingers: Sequence[str] | None) -> tuple[str, ...]
     if not hand.fingers:
         raise ArgumentError(
             "hand",
-            "has no fingers; name their joints in the robot file or in the scene, or give links "
-            "that lack collision shapes some: graspless-pin inspect names them",
+            "has no fingers; name their joints in the robot file or in the scene, or add "
+            "collision shapes to links without any, which graspless-pin inspect lists",
         )
     check_known("fingers", "finger", fingers or (), hand.fingers)
     return tuple(hand.fingers) if fingers is None else tuple(dict.fromkeys(fingers))
@@ -160,7 +160,7 @@ def hand_with_moved_actuators(hand: Hand, change: FloatArray) -> Hand:
     try:
         return hand.with_configuration(moved)
     except ArgumentError as error:
-        raise SceneError(f"a joint stands at its limit: {error}") from error
+        raise SceneError(f"a joint is at its limit: {error}") from error
 
 
 _WRIST_JOINTS = 3

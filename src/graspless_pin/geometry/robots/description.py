@@ -184,6 +184,6 @@ class RobotDescription(Record, Brief):
             for name in stated if isinstance(stated, Mapping) else ():
                 if name not in (*known, DEFAULT_GAIN):
                     raise RobotError(
-                        f"{self.file}: controller.{kind}.{name}: is no joint or finger; "
+                        f"{self.file}: controller.{kind}.{name}: is not a joint or finger; "
                         f"{names_in_words(name, known)}"
                     )

@@ -57,9 +57,12 @@ class FingerEntry(Entry):
 
     joints: Many[Name] = Field(min_length=1, description="its joints, from the palm outwards")
     links: Many[Name] = Field(
-        default=[], description="links whose contacts are its own; default: all that it moves"
+        default=[],
+        description="links whose contacts belong to the finger; default: all links that it moves",
     )
-    tip: Name | None = Field(default=None, description="its last link, which touches first")
+    tip: Name | None = Field(
+        default=None, description="its fingertip link, which touches first when the finger closes"
+    )
 
     def spec(self) -> FingerSpec:
         """Return the finger as a record."""
@@ -70,13 +73,16 @@ class EffortEntry(Entry):
     """A limit and where it comes from, or what is known while the real limit is not."""
 
     limit: Signed | tuple[Signed, Signed] | None = Field(
-        default=None, description="[N m, N] largest effort, or the lowest and the highest"
+        default=None,
+        description="[N m, N] largest absolute effort, or the smallest and largest effort",
     )
     source: Source | None = Field(
         default=None, min_length=1, description="where the limit comes from, such as a data sheet"
     )
     unknown: Source | None = Field(
-        default=None, min_length=1, description="instead of both: what is known"
+        default=None,
+        min_length=1,
+        description="instead of limit and source: what is known about the limit",
     )
 
     @model_validator(mode="after")
@@ -96,13 +102,18 @@ class CouplingEntry(Entry):
     follows: Name | ByName[Finite] = Field(
         min_length=1, description="[1] the leading joint, or multipliers by leading joint"
     )
-    multiplier: Finite = Field(default=1.0, description="[1] of the one leading joint")
-    offset: Finite = Field(default=0.0, description="[rad, m] added to what follows from that")
+    multiplier: Finite = Field(default=1.0, description="[1] multiplier of the one leading joint")
+    offset: Finite = Field(
+        default=0.0,
+        description="[rad, m] added to the position of the leading joints times the multipliers",
+    )
 
     @model_validator(mode="after")
     def _check_one_multiplier(self) -> CouplingEntry:
         if isinstance(self.follows, dict) and "multiplier" in self.model_fields_set:
-            raise ValueError("'multiplier' goes with one leader; write {leader: multiplier}")
+            raise ValueError(
+                "'multiplier' requires a single leader; write {leader: multiplier} for several"
+            )
         return self
 
     def coupling(self, joint: str) -> JointCoupling:
@@ -125,18 +136,19 @@ class GainsEntry(Entry):
     """Position feedback at the joints beside the torques."""
 
     stiffness: NotNegative | ByName[NotNegative] = Field(
-        description="[N m/rad] of all joints, or by joint (N/m where it slides), finger or "
-        "'default', these over (0.1 m)^2 where joints slide"
+        description="[N m/rad] of all joints, or by joint (N/m if prismatic), finger or "
+        "'default'; the latter two are divided by (0.1 m)^2 for prismatic joints"
     )
     damping: NotNegative | ByName[NotNegative] | None = Field(
-        default=None, description="[N m s/rad] likewise, of joints and motors themselves, too"
+        default=None,
+        description="[N m s/rad] likewise, including that of joints and motors themselves",
     )
 
 
 class RobotFile(Entry):
     """A robot file."""
 
-    name: Name = Field(min_length=1, description="how messages call the robot")
+    name: Name = Field(min_length=1, description="name of the robot in messages")
     urdf: FilePath | None = Field(
         default=None, description="URDF, xacro file or MJCF; path relative to this file"
     )
@@ -145,39 +157,40 @@ class RobotFile(Entry):
     )
     package_dirs: Few[FilePath] = Field(
         default=[],
-        description="folders in which package:// addresses are looked for; relative to this file",
+        description="folders with the packages of package:// addresses; relative to this file",
     )
     root_link: Name | None = Field(
-        default=None, description="link to keep with all below it; default: the whole model"
+        default=None, description="link to keep, with all links below it; default: the whole model"
     )
     xacro_args: ByName[Name] = Field(
         default={}, description="values of a xacro file's <xacro:arg>, by name"
     )
     srdf: FilePath | None = Field(
         default=None,
-        description="its SRDF, relative to this file; default: the one beside the URDF, or in the "
-        "folder srdf beside its folder",
+        description="its SRDF, relative to this file; default: one in the URDF's folder, or in a "
+        "folder srdf next to that folder",
     )
     palm: Name | Few[Name] = Field(
-        default=[], description="link or links from which the fingers branch; default: found"
+        default=[],
+        description="link or links from which the fingers branch; default: found in the model",
     )
     fingers: ByName[FingerEntry] = Field(
         default={}, description="the fingers by name; default: the branches below the palm"
     )
     couplings: ByName[CouplingEntry] = Field(
-        default={}, description="joints that follow others, beside the URDF's mimic joints"
+        default={}, description="joints that follow others, in addition to the URDF's mimic joints"
     )
     tendons: ByName[TendonEntry] = Field(
         default={}, description="tendons by name, each one motor for several joints"
     )
     effort_limits: ByName[EffortEntry] = Field(
-        default={}, description="limits by joint, finger or tendon; default: the URDF's"
+        default={}, description="effort limits by joint, finger or tendon; default: the URDF's"
     )
     controller: GainsEntry | None = Field(
-        default=None, description="what runs on the joints unless a scene says otherwise"
+        default=None, description="default controller of the joints; a scene may replace it"
     )
     visuals_collide: bool = Field(
-        default=False, description="whether links without collision shapes take their visual ones"
+        default=False, description="whether links without collision shapes use their visual shapes"
     )
     convex: Convex | ByName[Convex] = Field(
         default="hull", description="how collision meshes are made convex, for all or by link"
@@ -336,7 +349,9 @@ def find_robot(
     if not isinstance(source, RobotDescription) and Path(source).suffix.lower() in _ENDINGS:
         return describe_urdf(str(source), package_dirs)
     if package_dirs:
-        raise ArgumentError("package_dirs", f"only goes with a URDF file, not with {source!r}")
+        raise ArgumentError(
+            "package_dirs", f"is only available with a URDF file, not with {source!r}"
+        )
     if isinstance(source, RobotDescription):
         return source
     text = str(source)
