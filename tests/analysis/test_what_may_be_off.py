@@ -52,10 +52,10 @@ def test_each_is_borne_just_so_far(name, feedback):
     springs = 0.0 if feedback is None else feedback
     for one in off.each:
         assert (one.deflection > 0.0) <= (springs > 0.0)
-        assert one.borne <= one.failing
+        assert one.balanced <= one.failing
         # Sets have a polygon around all tilts, what fails is tilted just so.
         least = 0.95 if one.quantity is Quantity.TILT else 0.985
-        assert one.borne >= least * one.failing or np.isinf(one.failing)
+        assert one.balanced >= least * one.failing or np.isinf(one.failing)
         if one.quantity is Quantity.TILT or np.isinf(one.failing):
             continue
         within, beyond = (
@@ -84,7 +84,7 @@ def test_what_is_a_micrometre_long_bears_the_same_shares():
     found = tolerances(small, shorter * torques, static_friction=COULOMB)
     for one, other in zip(nominal.each, found.each, strict=True):
         unit = shorter if one.quantity in lengths else 1.0
-        assert other.borne == pytest.approx(unit * one.borne, rel=0.02), one.quantity
+        assert other.balanced == pytest.approx(unit * one.balanced, rel=0.02), one.quantity
         assert other.failing == pytest.approx(unit * one.failing, rel=0.02), one.quantity
 
 
@@ -110,23 +110,23 @@ def test_a_motor_makes_up_for_errors_as_far_as_its_limit_goes():
     given = {"feedback": 0.5, "static_friction": COULOMB}
     found = tolerances(lever, [-0.49], attainable=True, **given)
     more, one = found.of("all torques larger"), found.of("one joint's torque")
-    assert (more.borne, more.failing) == pytest.approx((2.49 / 0.49,) * 2, rel=0.01)
+    assert (more.balanced, more.failing) == pytest.approx((2.49 / 0.49,) * 2, rel=0.01)
     assert more.deflection == pytest.approx(2.49 / 0.5, rel=0.01)
     assert more.joints == (0,)
-    assert (one.borne, one.failing) == pytest.approx((2.0 - 0.49,) * 2, rel=0.01)
+    assert (one.balanced, one.failing) == pytest.approx((2.0 - 0.49,) * 2, rel=0.01)
     assert one.deflection == pytest.approx((2.0 - 0.49) / 0.5, rel=0.01)
     # Where nothing fails no forces are looked at: how far it gives way is not known.
     for name in ("all torques smaller", "friction"):
-        assert (found.of(name).borne, found.of(name).failing) == (1.0, np.inf)
+        assert (found.of(name).balanced, found.of(name).failing) == (1.0, np.inf)
         assert np.isnan(found.of(name).deflection)
     assert found.of("more mass").failing == pytest.approx(2.0 / 0.49 - 1.0)
     bare = tolerances(lever, [-0.49], static_friction=COULOMB)
-    assert bare.of("one joint's torque").borne == 0.0
+    assert bare.of("one joint's torque").balanced == 0.0
     tireless = lever.with_changes(torque_limits=(-np.inf, np.inf))
     found = tolerances(tireless, [-0.49], **given)
     for name in ("all torques larger", "one joint's torque"):
         some = found.of(name)
-        assert some.borne == some.failing == some.deflection == np.inf
+        assert some.balanced == some.failing == some.deflection == np.inf
         assert f"{name}any" in re.sub(" {2,}", "", str(found))
 
 
@@ -139,9 +139,9 @@ def test_feedback_changes_nothing_where_nothing_gives_way(feedback):
     near = problem.with_changes(torque_limits=(-most, most))
     rigid = tolerances(near, torques, static_friction=COULOMB)
     soft = tolerances(near, torques, feedback=feedback, static_friction=COULOMB)
-    assert rigid.of("all torques larger").borne > 4.0
+    assert rigid.of("all torques larger").balanced > 4.0
     for one, other in zip(rigid.each, soft.each, strict=True):
-        assert other.borne == pytest.approx(one.borne, rel=0.01), one.quantity
+        assert other.balanced == pytest.approx(one.balanced, rel=0.01), one.quantity
         assert not other.deflection > 1e-9
 
 
@@ -152,7 +152,7 @@ def test_pushes_from_all_sides_are_borne():
     rng = np.random.default_rng(0)
     for _ in range(25):
         way = rng.normal(size=3)
-        load = [*(push.borne * way / np.linalg.norm(way)), 0.0, 0.0, 0.0]
+        load = [*(push.balanced * way / np.linalg.norm(way)), 0.0, 0.0, 0.0]
         pushed = problem.with_changes(external_wrench=problem.external_wrench + load)
         assert imbalance(pushed, torques) < BALANCED
     assert push.boundary is not None
@@ -166,7 +166,7 @@ def test_a_block_slides_where_gravity_leans_by_its_friction_angle(friction):
         cone="round",
     )  # fmt: skip
     tilt = tolerances(problem, [], static_friction=COULOMB, quantities=[Quantity.TILT]).each[0]
-    assert 0.95 * np.arctan(friction) < tilt.borne < np.arctan(friction)
+    assert 0.95 * np.arctan(friction) < tilt.balanced < np.arctan(friction)
     assert tilt.failing == pytest.approx(np.arctan(friction), rel=0.006)
     assert tilt.direction is not None
     leaning = np.sin(tilt.failing) * tilt.direction - [0.0, 0.0, np.cos(tilt.failing)]
@@ -200,8 +200,8 @@ def test_the_least_friction_that_keeps_a_box_from_tipping():
     )  # fmt: skip
     least = minimum_friction(problem, static_friction=COULOMB).factor
     off = tolerances(problem, [], static_friction=COULOMB, quantities=["friction"]).each[0]
-    assert off.borne <= 1.0 - least <= off.failing
-    assert off.borne == pytest.approx(1.0 - least, abs=0.006)
+    assert off.balanced <= 1.0 - least <= off.failing
+    assert off.balanced == pytest.approx(1.0 - least, abs=0.006)
     nearly_none = Uncertainty(friction=1.0 - 1e-8)
     assert not maximize_margin(problem, uncertainty=nearly_none, static_friction=COULOMB).found
     assert served_share(problem, Margin(), nearly_none, static_friction=COULOMB) < 0.97
@@ -218,9 +218,9 @@ def test_a_block_on_a_slope_by_hand():
     assert off.of("push").failing <= inside * 9.8
     assert off.of("friction").failing == np.inf  # on the level it needs none
     # The centre of mass may go to the nearest side of the feet's triangle, 5 cm away.
-    assert off.of("centre of mass").borne == pytest.approx(0.0467, rel=0.02)
+    assert off.of("centre of mass").balanced == pytest.approx(0.0467, rel=0.02)
     tilt = off.of(Quantity.TILT)
-    assert 0.9 * np.arctan(inside) < tilt.borne < np.arctan(0.5)
+    assert 0.9 * np.arctan(inside) < tilt.balanced < np.arctan(0.5)
     assert "centre of mass" in str(off)
 
 
@@ -238,16 +238,16 @@ def test_the_table_has_no_powers_of_ten_and_the_unit_of_each_figure():
 
 @pytest.mark.parametrize("name", ["cuboid_at_rest", "sphere_on_slope"])
 def test_tilt_of_a_scene_against_scenes_that_are_tilted(name):
-    """The set around all tilts is little larger: what is borne is near to what fails."""
+    """The set around all tilts is little larger: what is balanced is near to what fails."""
     scene = load_scene(f"examples/paper/{name}.yaml")
     torques = scene.solve("torque", margin=0.3, static_friction=COULOMB).torques
     off = scene.tolerances(torques, static_friction=COULOMB).of("gravity's direction")
-    assert 0.95 * off.failing <= off.borne < off.failing
+    assert 0.95 * off.failing <= off.balanced < off.failing
     size = float(np.linalg.norm(scene.gravity))
     rng = np.random.default_rng(2)
     for _ in range(10):
         across = np.cross(scene.gravity / size, rng.normal(size=3))
-        across *= size * np.tan(off.borne) / np.linalg.norm(across)
+        across *= size * np.tan(off.balanced) / np.linalg.norm(across)
         tilted = scene.gravity + across
         gravity = size * tilted / np.linalg.norm(tilted)
         assert imbalance(scene.with_changes(gravity=gravity).problem(), torques) < BALANCED
@@ -306,7 +306,7 @@ def test_joints_that_move_no_contact_do_not_count(lacking):
     along_x, given = [[1, 0, 0, 0, 0, 0]], np.append(torques, 0.3 - lacking)
     found = [
         [
-            tolerances(one, made, quantities=["push"], static_friction=COULOMB).each[0].borne,
+            tolerances(one, made, quantities=["push"], static_friction=COULOMB).each[0].balanced,
             disturbance_margin(one, made, along_x, static_friction=COULOMB).magnitudes[0],
             contact_force_bounds(one, made, static_friction=COULOMB).smallest_margin,
         ]

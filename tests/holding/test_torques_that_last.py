@@ -71,7 +71,7 @@ def test_less_feedback_costs_margin(ball: Scene) -> None:
 
 
 def test_the_controller_that_is_not_stated_asks_for_the_first_instant_alone(ball: Scene) -> None:
-    assert ball.controller == Controller() and not ball.controller.is_stated
+    assert ball.controller == Controller() and not ball.controller.is_given
     found = ball.solve("margin", stability="strong")
     assert found.status is Status.OPTIMAL and found.guarantee is not None
     assert ball.stability(found.torques).holding == "needs_feedback"

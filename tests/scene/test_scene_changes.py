@@ -124,8 +124,15 @@ def test_a_declared_motion_after_none_counts() -> None:
 
 
 def test_keys_come_as_a_mapping(scene: Scene) -> None:
+    with pytest.raises(ArgumentError, match=r"values: found \{5: 1\}; needs keys and values"):
+        scene.with_changes({5: 1})  # pyright: ignore[reportArgumentType]
     with pytest.raises(ArgumentError, match=r"values: found \['a'\]; needs keys and values"):
         scene.with_changes(["a"])  # pyright: ignore[reportArgumentType]
+
+
+def test_an_empty_name_of_an_algorithm_is_no_default(scene: Scene) -> None:
+    with pytest.raises(ArgumentError, match="algorithm: is ''; it must be one of 'margin'"):
+        scene.solve("")
 
 
 def test_an_unknown_field_is_refused(scene: Scene) -> None:

@@ -95,7 +95,7 @@ def test_torques_may_be_given_by_joint() -> None:
         simulation_model(scene, solution.torques).commands,
     )
     borne = [
-        scene.tolerances(one, quantities=["more mass"]).each[0].borne
+        scene.tolerances(one, quantities=["more mass"]).each[0].balanced
         for one in (by_joint, solution.torques)
     ]
     assert borne[0] == borne[1]

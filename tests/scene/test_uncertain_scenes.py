@@ -67,7 +67,7 @@ def test_names_stand_for_contacts_and_joints(tmp_path: Path) -> None:
         for name in problem.joint_names
     ]
     arrays = Uncertainty(friction=shares, effort=lacking, mass=0.1)
-    objective, how = scene.asked("torque", **OPTIONS)
+    objective, how = scene.objective_and_options("torque", **OPTIONS)
     weight = weight_of(scene, problem.joint_count)
     expected = solve_robust(problem, objective, arrays, how, weight=weight)
     found = scene.solve("torque", uncertainty=True, **OPTIONS)
@@ -159,7 +159,7 @@ def test_a_stated_stiffness_is_the_feedback(tmp_path: Path) -> None:
     still = scene.with_changes(controller="position")
     assert not still.solve("torque", uncertainty=True, **OPTIONS).found
     constant, stiff = (
-        one.tolerances(found.torques, static_friction="coulomb").of("push").borne
+        one.tolerances(found.torques, static_friction="coulomb").of("push").balanced
         for one in (scene, held)
     )
     assert constant == 0.0 < stiff
@@ -289,11 +289,11 @@ def test_mistakes_in_python() -> None:
         ArgumentError, match=r"friction\['wal'\]: is not a body; did you mean 'wall'"
     ):
         load_scene(MUG).solve(uncertainty=Uncertainty(friction={"wal": 0.1}))
+    objective, options = scene.objective_and_options()
     with pytest.raises(
         ArgumentError, match="friction: is given by name, which requires a scene; give one"
     ):
-        solve_robust(scene.problem(), *scene.asked()[:1], Uncertainty(friction={"hand": 0.1}),
-                     scene.asked()[1])  # fmt: skip
+        solve_robust(scene.problem(), objective, Uncertainty(friction={"hand": 0.1}), options)
     with pytest.raises(ArgumentError, match=r"may be off by 5 m along x.*give metres"):
         scene.solve(uncertainty=Uncertainty(center_of_mass_radius=5.0))
     with pytest.raises(SceneError, match=r"uncertainty.mass: found 1.5; needs .* below 1"):

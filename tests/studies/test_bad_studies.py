@@ -1,11 +1,13 @@
 """Mistakes in a study: named with file, line, key and what would do, before anything runs."""
 
+from typing import Any
+
 import pytest
 import yaml
 from study_tools import CUBOID, HEIGHT, SLOPE, Here, study, study_file
 
 from graspless_pin.errors import ArgumentError, SceneError, StudyError
-from graspless_pin.studies import load_study, run_study
+from graspless_pin.studies import Study, load_study, run_study
 
 LINES = """\
 scene: SCENE
@@ -251,6 +253,12 @@ def test_given_contacts_do_not_move(tmp_path):
         StudyError, match="turn: the scene states its contacts, which would not move"
     ):
         load_study(study_file(tmp_path, content))
+
+
+def test_the_content_of_a_study_is_a_mapping() -> None:
+    wrong: Any = [1]
+    with pytest.raises(StudyError, match=r"^study: found \[1\]; needs a mapping of keys"):
+        Study.from_data(wrong)
 
 
 def test_a_wrong_scene_is_the_scenes_error(tmp_path):

@@ -210,7 +210,7 @@ def test_parts_that_are_kept_change_nothing(grid):
         kept, fresh = (made.scene_at(sample, use) for use in (parts, None))
         known += parts.last is before
         assert kept.friction == fresh.friction and kept.solve_options == fresh.solve_options
-        assert kept.asked() == fresh.asked()
+        assert kept.objective_and_options() == fresh.objective_and_options()
         kept, fresh = kept.problem(), fresh.problem()
         for name, value in vars(fresh).items():
             if isinstance(value, np.ndarray):

@@ -225,33 +225,33 @@ _VARIES = 1e-8
 class AttainableTolerance(Brief):
     """How far one quantity may be off if torques are chosen for it, within their limits.
 
-    One vector of torques serves all up to `borne`. See the example of `tolerances`.
+    One vector of torques serves all up to `balanced`. See the example of `tolerances`.
 
     Attributes:
         quantity: The quantity.
-        borne: Largest size that torques serve, in the unit of `Tolerance.borne`. Proven under plain
-            Coulomb friction.
+        balanced: Largest size that torques serve, in the unit of `Tolerance.balanced`. Proven under
+            plain Coulomb friction.
         failing: Size from which on no torques were found; inf: there is none.
-        torques: (L,) torques for `borne`, N m (N); with feedback those of the nominal problem.
+        torques: (L,) torques for `balanced`, N m (N); with feedback those of the nominal problem.
         conflict: Members that no torques serve together at `failing`; empty: it is not proven.
-        in_time: Whether the search was completed; else torques may serve more than `borne`.
+        complete: Whether the search was completed; else torques may serve more than `balanced`.
         free_motion: (P + L,) a motion [V; theta_dot] that no contact resists, along which these
             members need different torques; None: there is none, or feedback adds what they differ
             by.
     """
 
     quantity: Quantity
-    borne: float
+    balanced: float
     failing: float
     torques: FloatArray
     conflict: tuple[Member, ...] = ()
-    in_time: bool = True
+    complete: bool = True
     free_motion: FloatArray | None = None
 
     @property
     def why(self) -> str:
-        """Why no torques bear more, in a few words."""
-        if not self.in_time:
+        """Why no torques serve larger sizes, in a few words."""
+        if not self.complete:
             return "not decided in time"
         if self.free_motion is not None:
             return "free motion"
@@ -325,7 +325,7 @@ class AttainableSearch:
         found = self._served_size(sets, known)
         served = read_only(np.array(torques if found.best is None else found.best.torques))
         if self.limits.is_time_over:
-            return AttainableTolerance(quantity, found.served, inf, served, in_time=False)
+            return AttainableTolerance(quantity, found.served, inf, served, complete=False)
         failing, conflict = sets.wide * found.failing, found.conflict
         if sets.figure == "tilt" and np.isfinite(failing):
             # The frustum around the tilts is wider, so what fails is looked for on the circle.

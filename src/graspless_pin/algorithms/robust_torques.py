@@ -346,8 +346,8 @@ def joint_stiffness(
     if isinstance(feedback, Controller) or np.ndim(feedback) == 0:
         if not isinstance(feedback, Controller):
             feedback = real_number("feedback", feedback, 0.0)
-        controller = Controller.of("feedback", feedback)
-        if not controller.is_stated or controller.holds_joints:
+        controller = Controller.parse("feedback", feedback)
+        if not controller.is_given or controller.holds_joints:
             raise ArgumentError("feedback", "does not state a stiffness; give one, N m/rad")
         controller.check(problem.joint_names, (*set(fingers.values()),))
         shares = gain_shares([unit is JointUnit.FORCE for unit in problem.joint_units])

@@ -32,23 +32,23 @@ class Tolerance(Brief):
 
     Attributes:
         quantity: The quantity.
-        borne: Deviation up to which contact forces balance: a share of mass, friction or torques,
-            m, rad, N or N m. Proven under plain Coulomb friction; under other rules only tested.
-            Inf where feedback compensates any.
+        balanced: Deviation up to which contact forces balance: a share of mass, friction or
+            torques, m, rad, N or N m. Proven under plain Coulomb friction; under other rules only
+            tested. Inf where feedback compensates any.
         failing: The smallest deviation that was found to fail; inf: none was.
         direction: (3,) unit vector of the deviation that fails, world axes; of torques (L,);
             None where there is only one.
         contacts: The contacts that limit the margin there.
         joints: The joints whose torque, with feedback, is at its limit there.
         deflection: Largest deflection of a joint there that produces the feedback, rad (m); 0
-            without feedback, inf if any deviation is borne, NaN where it was not computed. Where it
-            is not small, contacts have moved by then.
+            without feedback, inf if any deviation is balanced, NaN where it was not computed. Where
+            it is not small, contacts have moved by then.
         boundary: (K, 3) largest balanced deviations, one in each direction that was looked at, in
-            the unit of `borne`; all of their convex hull is borne.
+            the unit of `balanced`; all of their convex hull is balanced.
     """
 
     quantity: Quantity
-    borne: float
+    balanced: float
     failing: float
     direction: FloatArray | None = None
     contacts: tuple[int, ...] = ()
@@ -121,7 +121,7 @@ class Tolerances(Brief):
         return known[one_of(known, "quantity", str(quantity))]
 
     def __str__(self) -> str:
-        """Return a table: the borne deviation, the direction that fails first, and where.
+        """Return a table: the balanced deviation, the direction that fails first, and where.
 
         Attainable tolerances replace the columns of direction and contacts.
         """
@@ -150,7 +150,7 @@ class Tolerances(Brief):
             deflected = f"{one.deflection:.2g} {unit}" if one.deflection > _LEAST_DEFLECTION else ""
             figures = self._figure_texts(one)
             rows.append((one.quantity, *figures, self._direction_text(one), where, deflected))
-        headers = ("off", "borne", "fails at", "direction", _WHERE, "joints give way")
+        headers = ("quantity", "balanced", "fails at", "direction", _WHERE, "deflection")
         given = len(headers) - (not any(row[-1] for row in rows))
         headers, rows = headers[:given], [row[:given] for row in rows]
         if not self.attainable:
@@ -169,18 +169,18 @@ class Tolerances(Brief):
         return f"[{', '.join(f'{x:+.2f}' for x in one.direction.tolist())}]"
 
     def _figure_texts(self, one: Tolerance | AttainableTolerance) -> tuple[str, str]:
-        """Return the borne and the failing deviation as text, in the usual unit of the quantity."""
+        """Return the balanced and the failing deviation, in the usual unit of the quantity."""
         scale, unit = one.quantity.scale, one.quantity.unit
         if one.quantity is Quantity.JOINT:
             units = self.problem.joint_units
             if isinstance(one, Tolerance) and one.direction is not None:  # of the joint that fails
                 units = [units[int(np.abs(one.direction).argmax())]]
             unit = units_text(units)
-        borne, fails = (
+        balanced, fails = (
             f"{_three_digits(scale * figure)} {unit}" if np.isfinite(figure) else word
-            for figure, word in ((one.borne, "any"), (one.failing, "none found"))
+            for figure, word in ((one.balanced, "any"), (one.failing, "none found"))
         )
-        return borne, fails
+        return balanced, fails
 
 
 def _three_digits(value: float) -> str:

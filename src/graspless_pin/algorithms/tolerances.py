@@ -90,14 +90,14 @@ def tolerances(
         >>> problem = load_scene("examples/paper/cuboid_at_rest.yaml").problem()
         >>> torques = minimize_torque(problem, margin=0.5).torques
         >>> off = tolerances(problem, torques, static_friction="coulomb")
-        >>> print(f"{100 * off.of('more mass').borne:.0f} % more mass")
+        >>> print(f"{100 * off.of('more mass').balanced:.0f} % more mass")
         93 % more mass
         >>> off = tolerances(
         ...     problem, torques, static_friction="coulomb", quantities=["push"], attainable=True
         ... )
         >>> given, attainable = off.of("push"), off.attainable[0]
-        >>> print(f"a push of {given.borne:.1f} N; with torques for it {attainable.borne:.0f} N")
-        a push of 3.2 N; with torques for it 8 N
+        >>> print(f"push: {given.balanced:.1f} N; with torques for it {attainable.balanced:.0f} N")
+        push: 3.2 N; with torques for it 8 N
     """
     checked_problem(problem)
     how = SolveOptions.parse(**options)
@@ -117,7 +117,7 @@ def tolerances(
     found: list[AttainableTolerance] = []
     if attainable:
         chosen = AttainableSearch(problem, weight, stiffness, how)
-        found = [chosen.find(one.quantity, one.borne, given) for one in each]
+        found = [chosen.find(one.quantity, one.balanced, given) for one in each]
     return Tolerances(problem, given, each, nominal, stiffness, search.convex, tuple(found))
 
 

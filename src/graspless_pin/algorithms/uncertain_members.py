@@ -363,7 +363,7 @@ def part_of_corners(problem: QuasistaticProblem, uncertainty: Uncertainty) -> Un
     part = changed(uncertainty, force_radius=0.0, moment_radius=0.0)
     errors = sum(map(np.count_nonzero, errors_of(problem, uncertainty)))
     corners = prod(_corner_counts(problem, part).values())
-    if (errors > MOST_ERRORS and uncertainty.has_balls) or corners > MOST_MEMBERS:
+    if (errors > MOST_ERRORS and uncertainty.has_radii) or corners > MOST_MEMBERS:
         part = changed(part, torque=np.zeros(()), torque_offset=np.zeros(()))
         if prod(_corner_counts(problem, part).values()) > MOST_MEMBERS:
             part = changed(part, force=np.zeros(3), moment=np.zeros(3))

@@ -162,10 +162,10 @@ class Uncertainty(Brief):
         """Whether anything but friction and motors is uncertain."""
         pushed = self.center_of_mass.any() or self.force.any() or self.moment.any()
         heavier = self.mass > 0.0 or self.mass_offset > 0.0
-        return bool(heavier or self.tilt > 0.0 or pushed or self.has_balls)
+        return bool(heavier or self.tilt > 0.0 or pushed or self.has_radii)
 
     @property
-    def has_balls(self) -> bool:
+    def has_radii(self) -> bool:
         """Whether any figure is the radius of a ball, which has no vertices."""
         return any(getattr(self, name) > 0.0 for name in RADII)
 

@@ -190,7 +190,7 @@ def solve_scene(
         _refuse_idle_options(loaded, given, verdict_nodes, controller, no_verdict=no_verdict)
         if json_file is not None:
             options = {name: value for name, value in given.items() if value is not None}
-            loaded.asked(algorithm, **options)[1].rules.need_signs("a document")
+            loaded.objective_and_options(algorithm, **options)[1].rules.need_signs("a document")
         solution, answer, verdict, note = judged_solution(
             loaded, algorithm, verdict_nodes, no_verdict=no_verdict, **given
         )
@@ -269,7 +269,7 @@ def solution_and_answer(
             if error.argument != "uncertainty" or scene.path is None:
                 raise
             raise SceneError(f"{scene.path}: {error}") from None
-        return answer.solution.of_source(scene), answer
+        return answer.solution.with_source(scene), answer
 
 
 def solved_scene(
@@ -325,7 +325,7 @@ def judged_solution(
         from graspless_pin.scene.robust_answer import with_corner_verdicts
 
         answer = proven_answer(answer)
-        solution = answer.solution.of_source(scene)
+        solution = answer.solution.with_source(scene)
         # Not every scene has verdicts.
         with waiting_for("computing verdicts at the corners"), suppress(ArgumentError):
             answer = with_corner_verdicts(scene, answer, verdict_nodes)

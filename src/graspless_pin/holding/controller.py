@@ -98,7 +98,7 @@ class Controller:
                 object.__setattr__(self, name, real_number(name, given, 0.0))
 
     @classmethod
-    def of(cls, name: str, given: object) -> Controller:
+    def parse(cls, name: str, given: object) -> Controller:
         """Return a given controller, or one with a given stiffness of all joints.
 
         Raises:
@@ -117,7 +117,7 @@ class Controller:
         )
 
     @property
-    def is_stated(self) -> bool:
+    def is_given(self) -> bool:
         """Whether the controller is stated: otherwise verdicts tell the stiffness needed."""
         return self.stiffness is not Feedback.ANY
 

@@ -156,9 +156,9 @@ class Evaluator:
         else:
             # Imported here: only evaluators with an uncertainty need it.
             from graspless_pin.planning.uncertain_states import UncertainStateSolver
-            from graspless_pin.scene.uncertain import stated_uncertainty
+            from graspless_pin.scene.uncertain import required_uncertainty
 
-            unknowns = stated_uncertainty(scene) if uncertainty is True else uncertainty
+            unknowns = required_uncertainty(scene) if uncertainty is True else uncertainty
             self._solver = UncertainStateSolver(at, *how, checks, unknowns)
 
     @property

@@ -81,7 +81,7 @@ class PlacedHand(Brief):
     @property
     def holds(self) -> bool:
         """Whether rest is proven to be the only outcome, and to last under a stated controller."""
-        stated = self.scene.controller.is_stated
+        stated = self.scene.controller.is_given
         return self.verdict is not None and self.verdict.keeps_rest(lasting=stated)
 
     def __str__(self) -> str:
@@ -427,7 +427,7 @@ def _rank(
     """Return the sort key of a place: smaller is better."""
     status = _ORDER.index(Stability.UNDECIDED)
     if verdict is not None:
-        kept = verdict.keeps_rest(lasting=plan.scene.controller.is_stated)
+        kept = verdict.keeps_rest(lasting=plan.scene.controller.is_given)
         lost = verdict.status is Stability.STRONG and not kept
         status = _ORDER.index(Stability.WEAK if lost else verdict.status)
     if plan.aim is PlacingAim.PRESS:

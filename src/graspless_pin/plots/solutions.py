@@ -175,9 +175,9 @@ def tolerance_plot(
 ) -> Axes:
     """Draw the tolerance of the centre of mass, of a push or of a moment, by direction.
 
-    Across gravity: directions are level ones. Inside the line all is borne; of pushes and moments
-    more may be, as it is the hull of the directions that were examined. The circle ends at twelve
-    times the least.
+    Across gravity: directions are level ones. All deviations inside the line are balanced; larger
+    pushes and moments may be, as the line is the hull of the directions that were examined. The
+    circle ends at twelve times the smallest.
 
     Args:
         tolerances: Of `tolerances`.
@@ -217,7 +217,7 @@ def tolerance_plot(
     names = [_direction_name(direction) for direction in (*level, *-level)]
     axes = polar_region(ax, (4.6, 4.9), angles, radii, names)
     direction = np.zeros(3) if one.direction is None else one.direction
-    words = f"smallest: {scale * one.borne:.3g} {unit}"
+    words = f"smallest: {scale * one.balanced:.3g} {unit}"
     at, mark = ([np.arctan2(*(level @ direction)[::-1])], [scale * one.failing]), "o"
     if abs(direction @ up) > _OFF_LEVEL:
         words += f" along {_components_text(direction)}"

@@ -19,7 +19,7 @@ from graspless_pin.problem.members import Member
 from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.scene.robust_answer import CORNER_TIME, SHARE_TIME, STIFFNESS, RobustAnswer
 from graspless_pin.scene.scene_stability import MemberVerdicts
-from graspless_pin.scene.uncertain_figures import stated_uncertainty
+from graspless_pin.scene.uncertain_figures import uncertainty_entry
 from graspless_pin.solution import Status, TorqueSolution
 from graspless_pin.solution.tables import COLUMNS, Table, figure, torque_size, with_noun
 
@@ -86,7 +86,7 @@ def robust_sentences(answer: RobustAnswer) -> list[str]:
         lines += _corner_sentences(answer.at_corners)
     if robust.feedback is not None and robust.largest_deflection > _STILL:
         lines.append(
-            "With the stiffness of the controller, joints give way by up to "
+            "With the stiffness of the controller, joints deflect by up to "
             f"{robust.largest_deflection:.2g} rad (m); max |torque| includes what that adds."
         )
     return lines
@@ -167,7 +167,7 @@ def _feedback_sentence(robust: RobustSolution) -> str:
     return (
         f"Position feedback at the joints serves the set: max |torque| {robust.max_torque:.4g} "
         f"{robust.max_torque_unit}; with {STIFFNESS:g} N m/rad (controller: {STIFFNESS:g}) joints "
-        f"give way by up to {most:.2g} rad (m). K times the stiffness divides that by K."
+        f"deflect by up to {most:.2g} rad (m). K times the stiffness divides that by K."
     )
 
 
@@ -216,7 +216,7 @@ def robust_data(answer: RobustAnswer) -> dict[str, Any]:
     return {
         "stated": {
             name: value
-            for name, value in stated_uncertainty(answer.uncertainty).items()
+            for name, value in uncertainty_entry(answer.uncertainty).items()
             if value is not None
         },
         "status": robust.status.name.lower(),
@@ -273,7 +273,7 @@ def tolerances_data(tolerances: Tolerances) -> list[dict[str, Any]]:
     entries: list[dict[str, Any]] = [
         {
             "quantity": str(one.quantity),
-            "borne": one.borne,
+            "balanced": one.balanced,
             "failing": one.failing if math.isfinite(one.failing) else None,
             "direction": None if one.direction is None else one.direction.tolist(),
             "contacts": list(one.contacts),
@@ -285,12 +285,12 @@ def tolerances_data(tolerances: Tolerances) -> list[dict[str, Any]]:
     names = tolerances.problem.joint_names
     for entry, one in zip(entries, tolerances.attainable, strict=False):
         entry["attainable"] = {
-            "borne": one.borne,
+            "balanced": one.balanced,
             "failing": one.failing if math.isfinite(one.failing) else None,
             "torques": dict(zip(names, one.torques.tolist(), strict=True)),
             "conflict": [member.words for member in one.conflict],
             "free_motion": None if one.free_motion is None else one.free_motion.tolist(),
-            "in_time": one.in_time,
+            "complete": one.complete,
         }
     return entries
 

@@ -149,7 +149,7 @@ _CHECKS: dict[str, _Check] = {
     "count_own_weight": _instance_check(bool),
     "hybrid_force_limit": partial(checked_key, SCENE, HandEntry, {"robot": "allegro"}),
     "max_penetration": _check_by_schema,
-    "controller": Controller.of,
+    "controller": Controller.parse,
     "uncertainty": _instance_check(Uncertainty, "Uncertainty(mass=0.2)", optional=True),
     "solve_options": lambda _, value: _check_by_schema("solve", value).model_dump(),
     "load_findings": _tuple_check(Finding),

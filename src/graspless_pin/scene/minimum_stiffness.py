@@ -240,7 +240,7 @@ def controller_words(scene: SceneFields) -> str:
     names = [problem.joint_names[joint] for joint in _carriers(scene, problem)]
     fingers = {} if scene.hand is None else fingers_of_motors(scene.hand)
     words = gain_words(gains.tolist(), _stiffness_unit(scene, problem), names, fingers)
-    return words or (CONSTANT_TORQUES if scene.controller.is_stated else "")
+    return words or (CONSTANT_TORQUES if scene.controller.is_given else "")
 
 
 def _stiffness_unit(scene: SceneFields, problem: QuasistaticProblem) -> str:

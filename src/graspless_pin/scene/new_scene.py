@@ -31,7 +31,7 @@ from graspless_pin.intake.yaml_text import block_of, flow_of
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.scene.entry_findings import unit_findings
 from graspless_pin.scene.saving import path_writer
-from graspless_pin.scene.serialization import stated_robot, stated_rotation
+from graspless_pin.scene.serialization import robot_entry, rotation_entry
 
 SCHEMA_FILE = "scene.schema.json"
 """Beside a new scene: the JSON schema, which editors read."""
@@ -138,7 +138,7 @@ def new_scene_text(
         schema=SCHEMA_FILE,
         name=flow_of(f"{robot.name} and {lying.name}"),
         force=f"{max(_LEAST_NORMAL_FORCE, float(f'{_FORCE_OVER_WEIGHT * weight:.1g}')):g}",
-        robot=_yaml_block(stated_robot(robot, path_text), 2),
+        robot=_yaml_block(robot_entry(robot, path_text), 2),
         base=_pose_lines(base, np.eye(3), 4),
         stands="graspless-pin place finds one where the hand holds"
         if reaching_base is None
@@ -147,7 +147,7 @@ def new_scene_text(
         q=_position_lines(hand),
         efforts=limits,
         object=flow_of(lying.name),
-        shape=_shape_lines(lying.shape.stated(path_text)),
+        shape=_shape_lines(lying.shape.as_entry(path_text)),
         mass=_mass_line(mass, density),
         pose=_pose_lines(lying.T_world_object[:3, 3], lying.T_world_object[:3, :3], 7),
         support=support.name,
@@ -194,7 +194,7 @@ def _yaml_block(data: Mapping[str, Any], column: int) -> str:
 
 
 def _pose_lines(position: ArrayLike, R: FloatArray, digits: int) -> str:
-    turned = stated_rotation(R, "rpy_deg").get("rpy_deg", [0.0, 0.0, 0.0])
+    turned = rotation_entry(R, "rpy_deg").get("rpy_deg", [0.0, 0.0, 0.0])
     angles = [_number_text(angle, 6) for angle in turned]
     return f"    position: {_vector_text(position, digits)}\n    rpy_deg: [{', '.join(angles)}]"
 

@@ -18,7 +18,7 @@ from graspless_pin.programs.objectives import Margin
 from graspless_pin.records import Brief, changed
 from graspless_pin.scene.scene import Scene
 from graspless_pin.scene.scene_stability import MemberVerdicts, verdicts_of_members
-from graspless_pin.scene.uncertain import stated_uncertainty
+from graspless_pin.scene.uncertain import required_uncertainty
 from graspless_pin.solution import Status, TorqueSolution
 from graspless_pin.tree_search import Limits
 
@@ -89,7 +89,7 @@ def robust_answer(
     Raises:
         ArgumentError: See `Scene.solve`.
     """
-    uncertainty = stated_uncertainty(scene)
+    uncertainty = required_uncertainty(scene)
 
     def solve_share(share: float = 1.0, **further: Any) -> RobustSolution:
         merged = {**options, **further}
@@ -98,7 +98,7 @@ def robust_answer(
     robust, weak = solve_share(), RequiredStability.WEAK.value
     nominal = scene.solve(algorithm, **options)
     if robust.found:
-        _, settings = scene.asked(algorithm, **options)
+        _, settings = scene.objective_and_options(algorithm, **options)
         return RobustAnswer(
             uncertainty, robust, nominal, _at_robust_torques(scene, robust, settings), 1.0
         )
@@ -180,7 +180,7 @@ def solution_for_all(
     """
     robust = scene.solve(algorithm, uncertainty=True, **options)
     if robust.found:
-        _, settings = scene.asked(algorithm, **options)
+        _, settings = scene.objective_and_options(algorithm, **options)
         return _at_robust_torques(scene, robust, settings), robust
     joined = changed(robust.solution, "explanation", _explanation=str(robust))
     return without_torques(scene.solve(algorithm, **options), joined), robust
@@ -209,4 +209,4 @@ def _at_robust_torques(
     """Return the scene's solution under robust torques: the forces of the largest margin."""
     settings = replace(settings, stability=RequiredStability.WEAK)  # the torques are given
     solution = solve_problem(scene.problem(), AtTorques(Margin(), robust.torques), settings)
-    return solution.of_source(scene)
+    return solution.with_source(scene)

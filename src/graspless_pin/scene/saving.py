@@ -1,7 +1,7 @@
 """Save a scene as YAML that loads to the same problem, with the comments of its original file.
 
 The original file is read again and edited where it differs: ``data`` is its content, ``meant`` the
-scene that it loads to and ``wanted`` the scene to save, both in the form of `stated_scene`.
+scene that it loads to and ``wanted`` the scene to save, both in the form of `scene_entry`.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from graspless_pin.problem.checks import truth_values
 from graspless_pin.scene.fields import AnyScene, SceneFields, label_of
 from graspless_pin.scene.load import build_scene
 from graspless_pin.scene.scene_schema import SCENE, SceneEntry
-from graspless_pin.scene.serialization import robot_key, stated_hand, stated_rotation, stated_scene
+from graspless_pin.scene.serialization import hand_entry, robot_key, rotation_entry, scene_entry
 from graspless_pin.scene.units import merged_angles, parted_angles
 
 _SAME_NUMBER = 1e-11
@@ -109,7 +109,7 @@ def scene_data(scene: SceneFields) -> dict[str, Any]:
         SceneError: If the original file is invalid by now.
     """
     target = scene.path or Path(scene.name)
-    return _file_data(scene, target, stated_scene(scene, path_writer(target)))[0]
+    return _file_data(scene, target, scene_entry(scene, path_writer(target)))[0]
 
 
 def _file_data(
@@ -120,13 +120,13 @@ def _file_data(
     Args:
         scene: The scene.
         target: The file: paths in it are relative to its folder.
-        wanted: What `stated_scene` returns for the scene.
+        wanted: What `scene_entry` returns for the scene.
     """
     _check_expressible(scene)
     path_text = path_writer(target)
     if scene.path is not None and is_file(scene.path):
         source = YamlSource.read(scene.path, SCENE)
-        meant = stated_scene(build_scene(SceneFields, source), path_text)
+        meant = scene_entry(build_scene(SceneFields, source), path_text)
         return _updated_data(_with_moved_paths(source, path_text), meant, wanted, scene), True
     data = _updated_data({}, {"hand": None}, wanted, scene)
     if scene.name == target.stem:
@@ -163,7 +163,7 @@ def _check_expressible(scene: SceneFields) -> None:
 def _text_and_scene(scene: SceneFields, target: Path) -> tuple[str, SceneFields]:
     """Return the text of a scene file, and the scene that it loads to."""
     path_text = path_writer(target)
-    data, has_file = _file_data(scene, target, stated_scene(scene, path_text))
+    data, has_file = _file_data(scene, target, scene_entry(scene, path_text))
     if has_file and scene.path is not None:
         text = edited_yaml(read_text(scene.path, SCENE), data)
     else:
@@ -196,7 +196,7 @@ def _updated_data(data: Any, meant: Any, wanted: Any, scene: SceneFields) -> dic
 def _updated_hand(data: Any, meant: Any, wanted: Any, hand: Hand) -> Any:
     if meant is None or _mounts_without_poses(meant) != _mounts_without_poses(wanted):
         with capture():  # of limits that the scene replaces
-            assembled = stated_hand(Hand.assemble(hand.mounts), str)
+            assembled = hand_entry(Hand.assemble(hand.mounts), str)
         defaults = {"hybrid_force_limit": None, "material": None, "count_own_weight": True}
         meant = {"mounts": wanted["mounts"], **assembled, **defaults}
         mounts = [_as_new_data(mount) for mount in wanted["mounts"]]
@@ -283,7 +283,7 @@ def _updated_pose(updated: dict[str, Any], meant: dict[str, Any], wanted: dict[s
     if meant["matrix"] != wanted["matrix"]:
         forms = [name for name, value in updated.items() if name != "position" and value]
         position = {name: value for name, value in updated.items() if name == "position"}
-        updated = position | stated_rotation(wanted["matrix"], *forms)
+        updated = position | rotation_entry(wanted["matrix"], *forms)
     return updated
 
 
@@ -294,7 +294,7 @@ def _as_new_data(wanted: Any, key: str = "") -> Any:
     if not isinstance(wanted, dict):
         return wanted
     if wanted.keys() == _POSE:
-        return {"position": wanted["position"], **stated_rotation(wanted["matrix"])}
+        return {"position": wanted["position"], **rotation_entry(wanted["matrix"])}
     if key == "friction" and wanted.keys() == {"default"}:
         return wanted["default"]
     return {name: _as_new_data(value, name) for name, value in wanted.items() if value is not None}
@@ -338,7 +338,7 @@ def _reloaded(text: str, target: Path, scene: SceneFields, path_text: PathText) 
         SceneError: If it does: parts made in Python may not be expressible in a scene file.
     """
     loaded = build_scene(SceneFields, YamlSource.parsed(target, text, SCENE))
-    place = _first_difference(stated_scene(loaded, path_text), stated_scene(scene, path_text), ())
+    place = _first_difference(scene_entry(loaded, path_text), scene_entry(scene, path_text), ())
     hands = [one.hand for one in (loaded, scene) if one.hand is not None]
     robots = [[robot_key(mount) for mount in hand.mounts] for hand in hands]
     if place is None and robots and robots[0] != robots[-1]:

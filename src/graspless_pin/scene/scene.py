@@ -188,7 +188,8 @@ class Scene(SceneFields):
             2.0 kg, 2.709 N
         """
         renamed = {"solve", "contacts"} & changes.keys()
-        if values is not None and not isinstance(values, Mapping):
+        is_keyed = isinstance(values, Mapping) and all(isinstance(key, str) for key in values)
+        if values is not None and not is_keyed:
             example = "{'object.mass': 2.0}"
             found = reprlib.repr(values)
             raise ArgumentError("values", f"found {found}; needs keys and values, e.g. {example}")
@@ -253,36 +254,39 @@ class Scene(SceneFields):
             SceneError: See `contacts`; or if the scene's own solver is not installed.
         """
         mode, feedback = options.pop("mode", None), options.pop("feedback", None)
-        objective, settings = self.asked(algorithm, **options)
+        objective, how = self.objective_and_options(algorithm, **options)
         if uncertainty is not None and uncertainty is not False:
             # Imported here: scenes without uncertainty do not need it.
-            from graspless_pin.scene.uncertain import solve_uncertain, stated_uncertainty
+            from graspless_pin.scene.uncertain import required_uncertainty, solve_uncertain
 
-            unknown = stated_uncertainty(self) if uncertainty is True else uncertainty
-            return solve_uncertain(self, objective, settings, unknown, feedback=feedback, mode=mode)
+            unknown = required_uncertainty(self) if uncertainty is True else uncertainty
+            return solve_uncertain(self, objective, how, unknown, feedback=feedback, mode=mode)
         refuse_feedback_alone(feedback)
-        rest_model = rest_model_of(self) if settings.strong else None
-        solution = solve_problem(self.problem(), objective, settings, mode=mode, rest=rest_model)
-        unused_findings = [] if algorithm else [*unused_figures(self.solve_options, self._source)]
-        if unused_findings:
-            return solution.of_source(changed(self, findings=(*self.findings, *unused_findings)))
-        return solution.of_source(self)
+        rest_model = rest_model_of(self) if how.strong else None
+        solution = solve_problem(self.problem(), objective, how, mode=mode, rest=rest_model)
+        unused = unused_figures(self.solve_options, self._source) if algorithm is None else ()
+        if findings := tuple(unused):
+            return solution.with_source(changed(self, findings=(*self.findings, *findings)))
+        return solution.with_source(self)
 
-    def asked(self, algorithm: str | None = None, **options: Any) -> tuple[Objective, SolveOptions]:
+    def objective_and_options(
+        self, algorithm: str | None = None, **options: Any
+    ) -> tuple[Objective, SolveOptions]:
         """Return the objective and options of `solve`, which has the same arguments."""
-        name = algorithm or self.solve_options.get("algorithm", "margin")
+        own = self.solve_options.get("algorithm", "margin")
+        name = own if algorithm is None else algorithm
         sources = self.solve_options, algorithm, *options, *options.values()
-        asked = self._cache.get("asked", sources)
-        if asked is None:
+        chosen = self._cache.get("options", sources)
+        if chosen is None:
             merged = {**self.solve_options, **options, "algorithm": name}
             try:
-                asked = self._cache.put("asked", sources, objective_and_options(**merged))
+                chosen = self._cache.put("options", sources, objective_and_options(**merged))
             except SolverUnavailableError as error:
                 if "solver" in options:
                     raise
                 raise SceneError(f"{label_of(self)}: solve.{error}") from error
         refuse_useless([key for key, value in options.items() if value is not None], name)
-        return asked
+        return chosen
 
     def stability(
         self, torques: ArrayLike | Mapping[str, float], **options: Any
@@ -313,8 +317,10 @@ class Scene(SceneFields):
         """
         from graspless_pin.scene.uncertain import tolerances_of
 
-        _, settings = self.asked(**{name: options[name] for name in options.keys() & {"solver"}})
-        return tolerances_of(self, torques, **{**settings.for_analyses(), **options})
+        _, how = self.objective_and_options(
+            **{name: options[name] for name in options.keys() & {"solver"}}
+        )
+        return tolerances_of(self, torques, **{**how.for_analyses(), **options})
 
     def save(self, path: str | Path, *, overwrite: bool = False) -> Path:
         """Write a scene file that loads to the same problem, and return its path.

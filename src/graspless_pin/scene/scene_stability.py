@@ -167,7 +167,7 @@ def rest_model_of(scene: SceneFields) -> RestModel:
     from graspless_pin.holding.stability import stability
     from graspless_pin.scene.minimum_stiffness import linearized_motions
 
-    if not scene.controller.is_stated or problem_of(scene).is_sliding.any():
+    if not scene.controller.is_given or problem_of(scene).is_sliding.any():
         return RestModel(no_verdict_reason(scene))
     return RestModel(
         no_verdict_reason(scene),

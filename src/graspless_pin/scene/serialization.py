@@ -23,7 +23,7 @@ from graspless_pin.problem import ControlMode
 from graspless_pin.scene.body_building import rotation_form_and_value
 from graspless_pin.scene.fields import SceneFields
 from graspless_pin.scene.scene_schema import PLAIN_FIGURES, SolveEntry
-from graspless_pin.scene.uncertain_figures import stated_uncertainty
+from graspless_pin.scene.uncertain_figures import uncertainty_entry
 from graspless_pin.scene.units import degrees_of, rounded_angle
 
 _SAME_ROTATION = 1e-12
@@ -34,7 +34,7 @@ ROBOT = (
 """Keys of a mount that determine its robot."""
 
 
-def stated_scene(scene: SceneFields, path_text: Callable[[Path], str]) -> dict[str, Any]:
+def scene_entry(scene: SceneFields, path_text: Callable[[Path], str]) -> dict[str, Any]:
     """Return a scene as data of a scene file, defaults included.
 
     Rotations are matrices, the object has a mass rather than a density, each pair of materials is
@@ -55,10 +55,10 @@ def stated_scene(scene: SceneFields, path_text: Callable[[Path], str]) -> dict[s
     stated = {
         "name": scene.name,
         "gravity": scene.gravity,
-        "hand": None if hand is None else stated_hand(hand, path_text) | further_keys,
+        "hand": None if hand is None else hand_entry(hand, path_text) | further_keys,
         "object": {
             "name": target.name,
-            "shape": target.shape.stated(path_text),
+            "shape": target.shape.as_entry(path_text),
             "mass": target.mass,
             "center_of_mass": target.center_of_mass,
             "inertia": target.inertia,
@@ -68,7 +68,7 @@ def stated_scene(scene: SceneFields, path_text: Callable[[Path], str]) -> dict[s
         "supports": [
             {
                 "name": support.name,
-                "shape": support.shape.stated(path_text),
+                "shape": support.shape.as_entry(path_text),
                 "pose": _pose_data(support.T_world_support),
                 "friction": support.friction,
                 "velocity": _twist_data(support.velocity),
@@ -93,14 +93,14 @@ def stated_scene(scene: SceneFields, path_text: Callable[[Path], str]) -> dict[s
         **{name: getattr(scene, name) for name in PLAIN_FIGURES},
         "tangent_axes": list(scene.tangent_axes),
         "controller": controller.stiffness if is_one_value else vars(controller),
-        "uncertainty": scene.uncertainty and stated_uncertainty(scene.uncertainty),
+        "uncertainty": scene.uncertainty and uncertainty_entry(scene.uncertainty),
         "solve": SolveEntry().model_dump() | dict(scene.solve_options),
     }
     return plain(stated)
 
 
-def stated_hand(hand: Hand, path_text: Callable[[Path], str]) -> dict[str, Any]:
-    """Return a hand as data of a scene file: see `stated_scene`."""
+def hand_entry(hand: Hand, path_text: Callable[[Path], str]) -> dict[str, Any]:
+    """Return a hand as data of a scene file: see `scene_entry`."""
     tree, actuation, control = hand.tree, hand.actuation, hand.control
     modes = {name: mode for name, mode in control.joints.items() if mode is not ControlMode.HYBRID}
     armature = tree.armature
@@ -120,7 +120,7 @@ def stated_hand(hand: Hand, path_text: Callable[[Path], str]) -> dict[str, Any]:
     )
 
 
-def stated_rotation(R: ArrayLike, form: str = "rpy") -> dict[str, Any]:
+def rotation_entry(R: ArrayLike, form: str = "rpy") -> dict[str, Any]:
     """Return a rotation as data of a scene file.
 
     Args:
@@ -160,15 +160,15 @@ def _mount_data(hand: Hand, mount: Mount, path_text: Callable[[Path], str]) -> d
     return {
         "prefix": mount.prefix,
         **dict.fromkeys(ROBOT),
-        **stated_robot(find_robot(mount.source), path_text),
+        **robot_entry(find_robot(mount.source), path_text),
         "base_pose": _pose_data(hand.base_poses[mount.prefix]),
         "fingers": None if fingers is None else {name: vars(one) for name, one in fingers.items()},
         **({} if meshes is None else vars(meshes)),
     }
 
 
-def stated_robot(robot: RobotDescription, path_text: Callable[[Path], str]) -> dict[str, Any]:
-    """Return the keys of a scene file that determine a robot: see `stated_scene`."""
+def robot_entry(robot: RobotDescription, path_text: Callable[[Path], str]) -> dict[str, Any]:
+    """Return the keys of a scene file that determine a robot: see `scene_entry`."""
     options = {"root_link": robot.root_link, "visuals_collide": robot.visuals_collide}
     robot_file = None if robot.file is None else load_robot(robot.file)
     options = {

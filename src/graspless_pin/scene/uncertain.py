@@ -129,7 +129,7 @@ def _strong_torques(
     if not best.found:
         return best
     scene = under_feedback(scene, best.feedback)
-    lasting = scene.controller.is_stated and not problem.is_sliding.any()
+    lasting = scene.controller.is_given and not problem.is_sliding.any()
 
     def is_lost(verdict: StabilityVerdict) -> bool:
         return not verdict.keeps_rest(lasting=lasting)
@@ -222,7 +222,7 @@ def _scene_arguments(
     The default of feedback is the scene's controller, if that states a stiffness.
     """
     controller = scene.controller
-    if feedback is None and controller.is_stated and not controller.holds_joints:
+    if feedback is None and controller.is_given and not controller.holds_joints:
         feedback = controller
     return {
         "weight": weight_of(scene, problem.joint_count),
@@ -262,7 +262,7 @@ def corners_in(
     return corners_of(problem, figures, arguments["weight"], stiffness)
 
 
-def stated_uncertainty(scene: SceneFields) -> Uncertainty:
+def required_uncertainty(scene: SceneFields) -> Uncertainty:
     """Return the uncertainty that a scene states.
 
     Raises:

@@ -135,7 +135,7 @@ def _figures_by_name(figures: PairFigures | None) -> dict[Pair | str, float]:
     return by_name
 
 
-def stated_uncertainty(uncertainty: Uncertainty) -> dict[str, Any]:
+def uncertainty_entry(uncertainty: Uncertainty) -> dict[str, Any]:
     """Return an uncertainty as data of a scene file; None stands for zero figures."""
     stated = {name: _stated_figures(value) for name, value in vars(uncertainty).items()}
     is_empty = all(value is None for value in stated.values())

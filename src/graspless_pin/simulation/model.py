@@ -258,7 +258,9 @@ def simulation_model(
             "law; use 'edges' or 'round'"
         )
     tau = motor_torques(problem.joint_names, torques)
-    feedback = scene.controller if controller is None else Controller.of("controller", controller)
+    feedback = (
+        scene.controller if controller is None else Controller.parse("controller", controller)
+    )
     document = Mjcf(scene.name)
     write_options(document, scene, contact_model)
     links = dict(

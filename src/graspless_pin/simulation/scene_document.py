@@ -27,7 +27,7 @@ from graspless_pin.problem.checks import FloatArray
 from graspless_pin.scene import Scene
 from graspless_pin.scene.fields import label_of
 from graspless_pin.scene.problem_data import friction_at
-from graspless_pin.scene.serialization import stated_hand, stated_scene
+from graspless_pin.scene.serialization import hand_entry, scene_entry
 from graspless_pin.simulation.mjcf import (
     HAND,
     Mjcf,
@@ -97,7 +97,7 @@ def scene_to_mjcf(scene: Scene) -> str:
         positions = dict(scene.hand.q)
         custom["hand"] = _custom_hand_fields(scene.hand)
     write_object(document, scene, scene.object, scene.object.name)
-    stated = stated_scene(scene, str)
+    stated = scene_entry(scene, str)
     custom |= {name: stated[name] for name in NO_WORD_FOR if name in stated}
     custom |= {"count_own_weight": scene.count_own_weight, "solve_options": stated["solve"]}
     custom |= {"hybrid_force_limit": scene.hybrid_force_limit, "controller": vars(scene.controller)}
@@ -226,7 +226,7 @@ def _custom_hand_fields(hand: Hand) -> dict[str, Any]:
     """Return fields that MJCF cannot state: control modes, fingers, some effort limits."""
     limits = zip(hand.actuation.names, *hand.effort_limits, strict=True)
     return {
-        "control": stated_hand(hand, str)["control"],
+        "control": hand_entry(hand, str)["control"],
         "fingers": {
             name: {
                 "joints": finger.joints,

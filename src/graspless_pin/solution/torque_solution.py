@@ -160,7 +160,7 @@ class TorqueSolution:
     _explanation: str | None = None
     _source: HasFindings | None = None
 
-    def of_source(self, source: Any) -> TorqueSolution:
+    def with_source(self, source: Any) -> TorqueSolution:
         """Return the solution with its scene or document, whose findings are added to its own."""
         return changed(self, _source=source)
 

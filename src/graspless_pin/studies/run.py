@@ -110,7 +110,7 @@ def check_study(study: Study) -> None:
         for value in variable.extremes():
             sample = (*first[:index], value, *first[index + 1 :])
             # Before bodies move: an invalid pose cannot be moved.
-            _check_values(study, variable.name, value, study.placed_at(sample))
+            _check_values(study, variable.name, value, study.unmoved_tree_at(sample))
     try:
         check_solver(study.tree_at(first)["solve"].get("solver", "auto"))
     except GrasplessPinError as error:

@@ -111,7 +111,7 @@ def stated_sample(scene: Scene, checks: StateChecks, before: StatedSample | None
     state = jointed_contacts(scene)
     loads = loads_of(scene, state)
     rubbing = (loads.friction > 0.0).tobytes()
-    kind = _LoopKind(state, rubbing, scene.cone, scene.cone_edges, *scene.asked())
+    kind = _LoopKind(state, rubbing, scene.cone, scene.cone_edges, *scene.objective_and_options())
     return StatedSample(scene, kind, loads.row(), state_findings(scene, checks))
 
 
@@ -382,10 +382,10 @@ def _solved_cells(study: Study, number: int, scene: Scene, starts: StartsByConta
 def _solution(scene: Scene, starts: StartsByContacts | None) -> TorqueSolution:
     if starts is None:
         return scene.solve()
-    objective, options = scene.asked()
+    objective, options = scene.objective_and_options()
     problem, rest_model = scene.problem(), rest_model_of(scene) if options.strong else None
     warm_search = starts.for_contacts((options.rules, *scene.contacts.bodies), problem, objective)
-    return warm_search.solve(problem, objective, options, rest_model).of_source(scene)
+    return warm_search.solve(problem, objective, options, rest_model).with_source(scene)
 
 
 def _analysis_columns(study: Study, scene: Scene, solution: TorqueSolution) -> Row:

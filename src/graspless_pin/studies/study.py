@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import reprlib
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -171,9 +172,11 @@ class Study:
         Raises:
             StudyError: See `load_study`.
         """
+        if not isinstance(data, Mapping):
+            raise StudyError(f"study: found {reprlib.repr(data)}; needs a mapping of keys")
         return _make_study(YamlSource(Path("study"), deep_copy(dict(data)), _STUDY), Path(folder))
 
-    def placed_at(self, sample: Sample) -> Tree:
+    def unmoved_tree_at(self, sample: Sample) -> Tree:
         """Return the scene's tree with the keys of one sample set, before bodies are moved."""
         tree = self.scene.data
         for variable, value in zip(self.variables, sample, strict=True):
@@ -182,7 +185,7 @@ class Study:
 
     def tree_at(self, sample: Sample) -> Tree:
         """Return the scene's tree at one sample, bodies moved."""
-        tree = self.placed_at(sample)
+        tree = self.unmoved_tree_at(sample)
         motions = [
             (motion, (value - motion.as_in_scene) * variable.unit.factor)
             for variable, value in zip(self.variables, sample, strict=True)

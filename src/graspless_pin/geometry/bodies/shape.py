@@ -237,7 +237,7 @@ class Shape(ABC):
             }
         )
 
-    def stated(self, path_text: Callable[[Path], str]) -> dict[str, Any]:
+    def as_entry(self, path_text: Callable[[Path], str]) -> dict[str, Any]:
         """Return the shape's mapping in a scene file.
 
         Args:
@@ -394,14 +394,14 @@ class Compound(PickledByFields, Shape):
         faces = [surface.faces + start for surface, start in zip(surfaces, starts, strict=False)]
         return Triangles(np.vstack([surface.vertices for surface in surfaces]), np.vstack(faces))
 
-    def stated(self, path_text: Callable[[Path], str]) -> dict[str, Any]:
-        """Return the shape's mapping in a scene file: see `Shape.stated`."""
+    def as_entry(self, path_text: Callable[[Path], str]) -> dict[str, Any]:
+        """Return the shape's mapping in a scene file: see `Shape.as_entry`."""
         placed = zip(self.parts, self.poses, strict=True)
         return {
             "type": self.kind,
             "parts": [
                 {
-                    "shape": part.stated(path_text),
+                    "shape": part.as_entry(path_text),
                     "pose": {"position": T[:3, 3], "matrix": T[:3, :3]},
                 }
                 for part, T in placed

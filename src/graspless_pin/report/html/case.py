@@ -93,7 +93,7 @@ def case_with_tolerances(case: Case, tolerances: Tolerances) -> Case:
         >>> solution = scene.solve()
         >>> off = scene.tolerances(solution.torques, static_friction="coulomb")
         >>> case = case_with_tolerances(case_of_scene(scene, solution), off)
-        >>> "How far may each be off?" in report_html(case)
+        >>> "How far may each quantity be off?" in report_html(case)
         True
     """
     if case.scene is None:

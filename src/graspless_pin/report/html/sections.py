@@ -180,8 +180,8 @@ def tolerance_figures(tolerances: Tolerances) -> list[str]:
         _inline_svg(
             f"off-{one.quantity.name.lower()}",
             f"How far the {one.quantity} may be off, by direction perpendicular to gravity: at "
-            f"least {one.quantity.scale * one.borne:.3g} {one.quantity.unit}. The table states the "
-            "direction in which it fails first.",
+            f"least {one.quantity.scale * one.balanced:.3g} {one.quantity.unit}. The table states "
+            "the direction in which it fails first.",
             _POLAR_SIZE,
             partial(tolerance_plot, tolerances, one.quantity),
             projection="polar",
