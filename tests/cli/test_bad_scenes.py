@@ -47,7 +47,7 @@ CASES = {
     "one number for three": (
         "[0, 0, -9.8]",
         "9.8",
-        f":1: gravity: found 9.8; needs a list of 3, each {NUMBER} within ±1e+12; with z upward "
+        f":1: gravity: found 9.8; needs a list of 3, each {NUMBER} within ±1e+12; if z points up, "
         "write [0, 0, -9.8]",
     ),
     "zero quaternion of the hand": (
@@ -111,7 +111,7 @@ CASES = {
     "object called like a link": (
         "name: box",
         "name: tip",
-        ":8: object.name: 'tip' names another body too; names must differ",
+        ":8: object.name: 'tip' is the name of another body, too; names must be distinct",
     ),
     "nameless support": (
         "name: floor",
@@ -121,12 +121,12 @@ CASES = {
     "friction not for all": (
         FRICTION,
         "friction: {floor: 0.2}",
-        ": friction: has no coefficient for 'tip'; add it, 'hand' or 'default'",
+        ": friction: has no coefficient for 'tip'; add 'tip', 'hand' or 'default'",
     ),
     "motion of a hand that is not there": (
         LINES[LINES.index("hand:") : LINES.index("object:")],
         "motion: {object_twist: {}, hand: {}}\n",
-        ":3: motion.hand: the scene has no hand that could move",
+        ":3: motion.hand: requires a hand, and the scene has none",
     ),
 }
 
@@ -159,7 +159,7 @@ ADDED = {
     "frction: 0.4": ":3: frction: unknown key; did you mean 'friction'? known: acceleration,",
     "cone_edges: true": ":3: cone_edges: found True; needs a whole number >= 3",
     "contacts:\n  - {body: wall, position: [0, 0, 0], normal: [0, 0, 1]}": (
-        ":4: contacts[0].body: 'wall' is no hand link or support; known: floor, base, lever, tip"
+        ":4: contacts[0].body: 'wall' is neither a hand link nor a support; known: floor, base,"
     ),
     "contacts:\n  - {body: floor, position: [0, 0, 0], normal: [0, 0, 0]}": (
         ":4: contacts[0].normal: found [0.0, 0.0, 0.0]; needs a direction"
@@ -175,7 +175,7 @@ ADDED = {
         ": motion: the declared motion drives object 'box' into support 'floor' at 0.1 m/s; change"
     ),
     "motion: {object_twist: {linear: [0, 0.1, 0.1]}, hand: {}}": (
-        ": the declared motion parts object 'box' from everything that touches it; no contact"
+        ": the declared motion separates object 'box' from all bodies that touch it; no contact"
     ),
     "motion: {hand: {}}": (
         ":3: motion.object_twist: is missing; needs a mapping with the keys linear, angular"
@@ -282,4 +282,4 @@ def test_a_misspelt_key_comes_before_what_is_missing_because_of_it(tmp_path):
 
 def test_an_mjcf_is_named_as_a_urdf_is(tmp_path):
     result = solve_text(tmp_path, spoilt(ONE_HAND, "  mjcf: hand.xml\n"))
-    assert_refused(result, "hand: found mjcf; an MJCF is named by the key 'urdf', too")
+    assert_refused(result, "hand: found mjcf; use the key 'urdf' for an MJCF, too")

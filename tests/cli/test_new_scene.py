@@ -170,7 +170,7 @@ def test_the_file_is_commented_and_fits_the_schema_beside_it() -> None:
         (["lever_100mm", "sphere:0.1", "--effort", "0"], "needs a positive number, N m or N"),
         (["lever_100mm", "sphere:0.1", "--effort", "thumb=1"], "unknown finger or joint 'thumb'"),
         (["lever_100mm", "sphere:0.1", "--mass", "1", "--density", "1"], "found both"),
-        (["lever_100mm", "sphere:0.1", "-o", "scene.txt"], "ends in .yaml or .yml"),
+        (["lever_100mm", "sphere:0.1", "-o", "scene.txt"], "must end in .yaml or .yml"),
         (["levr_100mm", "sphere:0.1"], "unknown robot 'levr_100mm'"),
     ],
 )

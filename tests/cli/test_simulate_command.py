@@ -9,6 +9,7 @@ from cli_tools import EXAMPLES, LINES, PAPER, assert_refused, run, spoilt
 
 from graspless_pin import load_scene
 from graspless_pin.cli.simulate import simulation_summary
+from graspless_pin.findings import capture
 from graspless_pin.simulation import SimulatedOutcome, simulate, video
 from graspless_pin.simulation.protocol import load_mujoco
 
@@ -146,3 +147,18 @@ def test_without_an_encoder_that_works_there_is_no_video(tmp_path, monkeypatch, 
     assert result.exit_code == 0
     assert list(tmp_path.iterdir()) == []
     assert f"warning: no video was written: {why}" in result.stderr
+
+
+def test_each_frame_goes_to_the_encoder(tmp_path, monkeypatch):
+    """This one stores what it gets: 24 bits for each pixel of each second pose."""
+    encoder, file = tmp_path / "encoder.sh", tmp_path / "cuboid.mp4"
+    encoder.write_text('#!/bin/sh\nfor last; do :; done\ncat > "$last"\n', encoding="utf-8")
+    encoder.chmod(0o700)
+    monkeypatch.setattr(video, "_encoder", lambda: str(encoder))
+    scene = load_scene(CUBOID)
+    found = simulate(scene, scene.solve().torques, seconds=0.2)
+    with capture():
+        if not video.write_video(found, file):
+            pytest.skip("MuJoCo cannot draw here")
+    frames = (len(found.runs[0].T_world_object) + 1) // 2
+    assert file.stat().st_size == frames * 480 * 640 * 3

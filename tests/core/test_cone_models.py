@@ -23,6 +23,7 @@ from graspless_pin import (
     optimum_gradients,
     robustness,
     stability,
+    tolerances,
     what_would_hold,
 )
 from graspless_pin.errors import ArgumentError
@@ -281,7 +282,7 @@ def test_friction_in_use_is_that_of_the_cone():
 
 
 def test_a_model_that_does_not_tell_kinetic_friction_refuses_sliding():
-    with pytest.raises(ArgumentError, match="'uneven', which does not tell the kinetic friction"):
+    with pytest.raises(ArgumentError, match="'uneven', which does not define the kinetic friction"):
         maximize_margin(sliding_scene(3, "uneven"))
 
 
@@ -289,7 +290,7 @@ def test_a_model_that_does_not_tell_kinetic_friction_refuses_sliding():
 def test_kinetic_friction_that_is_none_is_refused(monkeypatch, factor):
     known = Elliptic.kinetic_friction
     monkeypatch.setattr(Elliptic, "kinetic_friction", lambda self, ways: factor * known(self, ways))
-    with pytest.raises(ArgumentError, match="'elliptic', whose kinetic friction must be against"):
+    with pytest.raises(ArgumentError, match="'elliptic', whose kinetic friction must oppose"):
         maximize_margin(sliding_scene(3, "elliptic"))
 
 
@@ -336,6 +337,13 @@ def test_no_verdict_is_claimed():
     for analysis in (guaranteed_disturbance, robustness, what_would_hold):
         with pytest.raises(ArgumentError, match="requires Coulomb's law"):
             analysis(problem, torques)
+
+
+def test_tolerances_name_the_cone_and_point_to_no_verdict():
+    problem = scene(1, "uneven")
+    torques = maximize_margin(problem, static_friction="coulomb").torques
+    found = tolerances(problem, torques, quantities=["push"], static_friction="coulomb")
+    assert str(found).rstrip().endswith("are the best that the cone 'uneven' allows")
 
 
 def test_the_rule_of_directions_is_refused_and_left_out():
@@ -457,8 +465,8 @@ def test_a_verdict_needs_cones_that_stand_for_coulombs_law():
 @pytest.mark.parametrize(
     ("corners", "message"),
     [
-        ([[0.5, 0.0], [-0.5, 0.0]], "three or more"),
-        ([[0.5, 0.0], [0.5, 0.0], [0.0, 0.5]], "three or more"),
+        ([[0.5, 0.0], [-0.5, 0.0]], "at least three"),
+        ([[0.5, 0.0], [0.5, 0.0], [0.0, 0.5]], "at least three"),
         ([[0.5, 0.0], [0.0, -0.5], [-0.5, 0.0]], "counterclockwise"),
         ([[0.5, 0.5], [0.1, 0.5], [0.1, 0.2]], "around the normal"),
         ([[0.5, 0.0], [0.0, 0.5], [0.1, 0.1], [-0.5, 0.0], [0.0, -0.5]], "convex"),

@@ -151,7 +151,7 @@ def test_a_problem_of_other_coordinates_is_pickled_changed_and_shown():
 
 def test_other_positions_want_another_matrix():
     problem = QuasistaticProblem(**stacked(0.2))
-    with pytest.raises(ArgumentError, match=r"wrench_matrix.*pass the one that belongs to them"):
+    with pytest.raises(ArgumentError, match=r"wrench_matrix.*give the matrix of the new positions"):
         problem.with_changes(positions=problem.positions + 0.01)
     moved = problem.with_changes(positions=problem.positions + 0.01, wrench_matrix=problem.W)
     np.testing.assert_array_equal(moved.W, problem.W)
@@ -179,7 +179,7 @@ def test_other_positions_want_another_matrix():
         ({"wrench_matrix": np.full((12, 24), np.nan)}, r"wrench_matrix.*NaN at index \(0, 0\)"),
         ({"external_wrench": np.zeros(6)}, r"external_wrench.*\(6,\).*\(12,\)"),
         ({"object_inertia": np.eye(6)}, r"object_inertia.*\(6, 6\).*\(12, 12\)"),
-        ({"wrench_matrix": np.ones((7, 24))}, r"passive_units.*7 rows.*multiple of 6"),
+        ({"wrench_matrix": np.ones((7, 24))}, r"passive_units.*7 rows.*each of 6 rows"),
         ({"passive_units": ["N"]}, r"passive_units.*1 units.*12 rows"),
         ({"passive_units": ["kg"] * 12}, r"passive_units.*'kg' at index 0.*'N m'"),
         ({"passive_units": "N"}, r"passive_units.*sequence"),

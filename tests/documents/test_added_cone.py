@@ -176,7 +176,7 @@ def test_the_schema_and_messages_know_it(package, tmp_path):
     direction = command(package, "solve", str(file), "--sign-rule", "direction")
     assert "is 'direction', which requires Coulomb's law" in direction.stderr
     robust = command(package, "robustness", str(file))
-    assert robust.returncode == 1
+    assert robust.returncode == 3
     assert "requires Coulomb's law" in robust.stdout
     simulated = command(package, "simulate", str(file))
     assert "cone: is 'ribbed', but the simulation requires Coulomb's law" in simulated.stderr

@@ -153,10 +153,12 @@ def test_shapes_of_other_kinds_are_in_no_scene_file(tmp_path: Path, monkeypatch)
         kind = "block"
 
     scene = load_scene(EXAMPLES / "trihand_push_box.yaml")
-    with pytest.raises(SceneError, match="'block', which no scene file has"):
+    with pytest.raises(SceneError, match="'block', which scene files do not support"):
         of_shape(scene, Block((0.1, 0.1, 0.1))).save(tmp_path / "scene.yaml")
     nested = Compound((Compound((Sphere(0.1),), np.eye(4)[None]),), np.eye(4)[None])
-    with pytest.raises(SceneError, match="'compound', which no scene file has in a compound"):
+    with pytest.raises(
+        SceneError, match="'compound', which scene files do not support in a compound"
+    ):
         of_shape(scene, nested).save(tmp_path / "scene.yaml")
     monkeypatch.setattr("graspless_pin.intake.yaml_text.MOST_ENTRIES", 300)
     many = np.random.default_rng(0).normal(size=(90, 3))

@@ -157,7 +157,7 @@ def test_the_command_line_takes_a_time_limit(tmp_path: Path) -> None:
     file = tmp_path / "scene.yaml"
     file.write_text(LINES)
     result = run("robustness", file, "--nodes", "5", "--time-limit", "0")
-    assert result.exit_code == 1, result.output
+    assert result.exit_code == 3, result.output
     assert "undecided: the object can stay" in result.output
     assert "the time limit ended the search: a larger one may give more results" in result.output
     assert run("robustness", file, "--time-limit", "-1").exit_code == 2

@@ -47,10 +47,10 @@ def make_huge(path: Path) -> None:
 
 
 MAKERS = {
-    make_pipe: "is a pipe; a .* is a regular file",
-    make_endless: "is a device; a .* is a regular file",
+    make_pipe: "is a pipe; a .* must be a regular file",
+    make_endless: "is a device; a .* must be a regular file",
     make_huge: "has more than [0-9]+ MiB, the most that a .* may have",
-    Path.mkdir: "is a directory; a .* is a regular file",
+    Path.mkdir: "is a directory; a .* must be a regular file",
 }
 
 

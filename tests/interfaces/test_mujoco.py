@@ -480,7 +480,7 @@ def test_a_scene_of_a_file_is_saved_and_one_of_a_model_is_not(tmp_path: Path) ->
     scene = scene_from_mjcf(tmp_path / "pinched.xml")
     again = load_scene(scene.save(tmp_path / "pinched.yaml"))
     assert again.solve().margin == pytest.approx(scene.solve().margin, abs=1e-9)
-    with pytest.raises(SceneError, match="comes from no file"):
+    with pytest.raises(SceneError, match="was not read from a file"):
         scene_from_mjcf(model_of(PINCHED)).save(tmp_path / "model.yaml")
 
 
@@ -488,7 +488,7 @@ def test_weight_that_an_mjcf_takes_off_the_joints_is_told_where_it_counts(tmp_pa
     (tmp_path / "pinched.xml").write_text(PINCHED)
     saved = tmp_path / "pinched.yaml"
     scene_from_mjcf(tmp_path / "pinched.xml").save(saved)
-    told = "gravcomp for 'left', 'right', and joints bear the weight"
+    told = "gravcomp for 'left', 'right', but here joints carry the weight"
     assert told not in str(load_scene(saved).findings)
     saved.write_text(saved.read_text().replace(", count_own_weight: false", ""))
     (found,) = load_scene(saved).findings

@@ -203,7 +203,7 @@ def test_a_scene_says_what_is_not_known_and_where_nothing_serves_it() -> None:
 @pytest.mark.parametrize(
     ("given", "told"),
     [
-        ({"uncertainty": True}, "says nothing of what is not known"),
+        ({"uncertainty": True}, "has no uncertainty; give"),
         ({"uncertainty": 0.2}, "give an Uncertainty"),
         ({"uncertainty": UNKNOWN, "stability": "strong"}, "stability: is 'strong'"),
         (

@@ -85,7 +85,7 @@ def test_a_study_varies_angles_of_either_form(tmp_path: Path) -> None:
     tree = study.tree_at((20, 0.2))
     assert tree["supports"][0]["pose"]["rpy"] == pytest.approx([0.0, math.radians(20), 0.0])
     assert tree["hand"]["q"]["joint_1.0"] == 0.2 and "q_deg" not in tree["hand"]
-    with pytest.raises(StudyError, match="name rpy instead: in rad, or in a study with unit: deg"):
+    with pytest.raises(StudyError, match="use rpy instead, in rad, or in a study with unit: deg"):
         Study.from_data(
             {"scene": "scene.yaml", "vary": {"x": {"key": "object.pose.rpy_deg.1", "values": [1]}}},
             tmp_path,

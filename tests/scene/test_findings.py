@@ -159,7 +159,7 @@ def test_what_looks_like_another_unit_is_said_in_the_right_one(tmp_path, old, ne
 
 def test_a_centre_of_mass_is_off_by_no_more_than_the_object_is_large(tmp_path):
     scene = loaded(tmp_path)
-    words = "by 10 m along z, and object 'box' is 0.2 m large there; give metres: centimetres are"
+    words = "by 10 m along z, but object 'box' is 0.2 m large there; give metres: centimetres are"
     with pytest.raises(ArgumentError, match=words):
         scene.solve("margin", uncertainty=Uncertainty(center_of_mass=[0.0, 0.0, 10.0]))
     assert scene.solve("margin", uncertainty=Uncertainty(center_of_mass=[0.0, 0.0, 0.2])).status
@@ -306,7 +306,7 @@ def test_a_contact_that_hangs_behind_another_of_the_same_rigid_body_is_marked():
     one = found(over_a_step(0.8e-3, 0.1))[FindingCode.UNEVEN_GAPS]
     assert one.subject == "low" and one.key == ("contact_tolerance",)
     assert "'low' is 0.8 mm from object" in one.message
-    assert "where 'high', rigid with it, is 0 mm from it" in one.message
+    assert "where 'high', which is rigidly connected to it, is 0 mm from it" in one.message
     assert f"turn by {np.degrees(np.arctan(0.8 / 100.0)):.2g} degrees" in one.message
     assert one.advice.endswith("contact_tolerance below 0.8 mm")
     assert FindingCode.UNEVEN_GAPS not in found(over_a_step(0.5e-3, 0.1))
@@ -330,7 +330,7 @@ def test_links_that_no_joint_parts_cannot_close_two_gaps(tmp_path, between, mark
     scene = loaded(tmp_path, mount, pose, ("  q: {hinge: 0.0}\n", ""))
     marks = [one for one in scene.findings if one.code is FindingCode.UNEVEN_GAPS]
     assert [one.subject for one in marks] == ["tip"] * marked
-    assert all("'pad', rigid with it" in one.message for one in marks)
+    assert all("'pad', which is rigidly connected to it" in one.message for one in marks)
 
 
 def test_a_gap_that_sliding_closes_is_none(tmp_path):
@@ -385,7 +385,7 @@ def test_an_option_of_another_algorithm_is_told(tmp_path):
     assert [one.severity for one in told] == [Severity.NOTE] * 2
     place = f"{tmp_path / 'scene.yaml'}:3: solve"
     assert [one.place for one in told] == [f"{place}.margin", f"{place}.scale"]
-    assert "margin is 0.2, and the scene's algorithm, 'margin', does not use it" in str(told[0])
+    assert "margin is 0.2, which has no effect with the scene's algorithm, 'margin'" in str(told[0])
     assert "algorithm: torque" in told[0].advice
     # Where it is asked for, and where the usual value is written out, nothing is ignored.
     assert scene.solve("torque").findings == scene.solve("margin").findings == ()
@@ -401,7 +401,7 @@ def test_warnings_are_errors_if_the_scene_says_so(tmp_path):
     assert len(lines) == 2
     assert "scene.yaml:11: object.mass: object 'box' has 1.25e+05 kg/m^3" in lines[0]
     assert "scene.yaml:2: friction.default: the coefficient of friction 80" in lines[1]
-    assert all("as the scene says 'warnings: error'" in line for line in lines)
+    assert all("because of 'warnings: error'" in line for line in lines)
     assert loaded(tmp_path, ("friction: 0.3", "friction: 0.3\nwarnings: error")).findings == ()
 
 

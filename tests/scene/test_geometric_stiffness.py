@@ -231,5 +231,5 @@ def test_a_contact_that_stands_for_a_line_is_refused(tmp_path: Path) -> None:
         object={"shape": coin, "mass": 0.01,
                 "pose": {"position": [0, 0, 0.01], "rpy": [np.pi / 2, 0, 0]}},
     )  # fmt: skip
-    with pytest.raises(SceneError, match="one contact stands for a line or a face on 'below'"):
+    with pytest.raises(SceneError, match="one contact represents a line or a face on 'below'"):
         minimum_stiffness(scene, [])

@@ -235,7 +235,7 @@ def test_documents_state_loads_and_are_verified(tmp_path: Path) -> None:
     [
         (
             {"loads": [{"name": "a", "mass": 1}, {"name": "a", "mass": 2}]},
-            r"loads\[1\].name: 'a' names another load",
+            r"loads\[1\].name: 'a' is the name of another load",
         ),
         ({"loads": [{"name": "a", "force": [0, 0]}]}, r"loads\[0\].force"),
         ({"loads": [{"name": "a", "mass": -1}]}, r"loads\[0\].mass"),
@@ -266,17 +266,21 @@ def test_what_cannot_be_is_refused() -> None:
         Load(cast("Any", 3))
     with pytest.raises(ArgumentError, match=r"acceleration.joint_velocities.b: is 'fast'"):
         Acceleration(joint_velocities={"b": cast("Any", "fast")})
-    with pytest.raises(ArgumentError, match=r"acceleration: found .* as in a file, with_changes"):
+    with pytest.raises(
+        ArgumentError, match=r"acceleration: found .* in the form of a file, with_changes"
+    ):
         scene.with_changes(acceleration={"linear": [1, 2]})
     wrong = scene.with_changes(acceleration=Acceleration(joint_velocities={"elbow": 1.0}))
     with pytest.raises(SceneError, match=r"yaml: acceleration.joint_velocities: unknown independ"):
         wrong.problem()
-    with pytest.raises(ArgumentError, match="must differ"):
+    with pytest.raises(ArgumentError, match="must be distinct"):
         scene.with_changes(loads=[Load("a"), Load("a")])
-    with pytest.raises(ArgumentError, match="is 'object', and joints are told"):
+    with pytest.raises(
+        ArgumentError, match="is 'object', which is not supported together with joint motions"
+    ):
         Acceleration(of="object", joint_velocities={"joint_1.0": 1.0})
     one = scene.with_changes(acceleration=Acceleration(joint_accelerations={"joint_1.0": 5.0}))
-    with pytest.raises(SceneError, match="do not move as one"):
+    with pytest.raises(SceneError, match="do not move as one body"):
         one.problem()
     board = load_scene(BOARD).with_changes(
         motion=None, acceleration=Acceleration(joint_velocities=ARM)

@@ -44,7 +44,7 @@ def test_a_misspelt_name_is_named_with_its_line(tmp_path, line, key, said):
     with pytest.warns(GrasplessPinWarning) as caught:
         loaded(tmp_path, TEXT + line)
     (message,) = (str(item.message) for item in caught)
-    assert f"scene.yaml:9: {key}: no body is of " in message and said in message
+    assert f"scene.yaml:9: {key}: no body has the material " in message and said in message
 
 
 @pytest.mark.parametrize(
@@ -62,8 +62,11 @@ def test_a_table_that_counts_nowhere(tmp_path, text, said):
     with pytest.warns(GrasplessPinWarning) as caught:
         loaded(tmp_path, text)
     (message,) = (str(item.message) for item in caught)
-    assert "scene.yaml:5: materials: no pair of materials counts, for " in message
-    assert said in message and "add their pair, or the 'material' that is left out" in message
+    assert "scene.yaml:5: materials: no pair of materials has an effect, as " in message
+    assert (
+        said in message
+        and "add the pair of these materials, or the missing key 'material'" in message
+    )
 
 
 def test_names_that_differ_in_digits_are_different_materials():

@@ -158,6 +158,6 @@ def test_verdicts_that_were_left_out_are_told():
     found = robust_torques(scene, {"mass": 0.05})
     none = scene.stability_of_members(found, time_limit=0.0)
     assert none.holding is Holding.UNDECIDED and none.left_out == len(found.members) == 2
-    assert "2 corners were not asked about" in str(none)
+    assert "2 corners have no verdict" in str(none)
     open_still = robust_torques(scene, {"mass": 0.05}, stability="strong", time_limit=0.0)
     assert not open_still.found

@@ -289,7 +289,9 @@ def test_a_file_is_not_written_over_unasked(rest: Scene, tmp_path: Path) -> None
     loaded = load_scene(path)
     loaded.with_changes(cone_edges=8).save(path, overwrite=True)
     assert load_scene(path).cone_edges == 8
-    with pytest.raises(SceneError, match=r"x\.txt: a scene file ends in \.yaml or \.yml"):
+    with pytest.raises(
+        SceneError, match=r"x\.txt: the name of a scene file must end in \.yaml or \.yml"
+    ):
         rest.save(tmp_path / "x.txt")
     with pytest.raises(SceneError, match="cannot be written"):
         rest.save(path / "x.yaml")
@@ -303,7 +305,7 @@ def test_what_no_file_can_say_is_refused(rest: Scene, tmp_path: Path) -> None:
         ({"name": "mine"}, "hand"),
     ):
         hand = Hand.assemble([Mount(replace(lever, **change), np.eye(4))])
-        with pytest.raises(SceneError, match=rf"x\.yaml: {place}: no scene file leads to what"):
+        with pytest.raises(SceneError, match=rf"x\.yaml: {place}: a scene file cannot express"):
             rest.with_changes(hand=hand, path=None, motion=None).save(path)
     with pytest.raises(SceneError, match=r"friction: found 1e\+16; needs"):
         replace(rest, friction={"default": 1e16}).save(path)

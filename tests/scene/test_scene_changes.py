@@ -99,7 +99,9 @@ def test_bodies_of_one_name_are_refused() -> None:
         ({"object": replace(scene.object, name=first.name)}, r"supports\[0\]\.name"),
         ({"object": replace(scene.object, name=link)}, r"object\.name"),
     ):
-        with pytest.raises(ArgumentError, match=rf"{key}: .* names .* too; names must differ"):
+        with pytest.raises(
+            ArgumentError, match=rf"{key}: .* name of another body, too; names must be distinct"
+        ):
             scene.with_changes(**changes)
 
 
@@ -136,7 +138,7 @@ def test_an_empty_name_of_an_algorithm_is_no_default(scene: Scene) -> None:
 
 
 def test_an_unknown_field_is_refused(scene: Scene) -> None:
-    with pytest.raises(ArgumentError, match=r"tolerance: is no field .*'contact_tolerance'"):
+    with pytest.raises(ArgumentError, match=r"tolerance: is not a field .*'contact_tolerance'"):
         scene.with_changes(tolerance=1e-3)
 
 
@@ -202,10 +204,13 @@ def test_impossible_positions_are_refused(spoil, message: str) -> None:
         ({"solve_options": None}, "solve: found nothing; needs a mapping"),
         ({"solve_options": 5}, "solve: found 5; needs a mapping"),
         ({"hybrid_force_limit": 0.0}, r"hybrid_force_limit: found 0\.0; needs a finite number > 0"),
-        ({"friction": {"slop": 0.9}}, r"friction\['slop'\]: names no body; did you mean 'slope'"),
+        (
+            {"friction": {"slop": 0.9}},
+            r"friction\['slop'\]: is not the name of a body; did you mean 'slope'",
+        ),
         (
             {"given_contacts": [GivenContact("slop", np.zeros(3), np.eye(3)[2])]},
-            r"given_contacts\[0\]\.body: 'slop' is no hand link or support; did you mean 'slope'",
+            r"given_contacts\[0\]\.body: 'slop' is neither a hand link .*; did you mean 'slope'",
         ),
     ],
 )
@@ -229,9 +234,9 @@ def test_what_stands_in_a_file_is_told_by_its_key(field, value, advised) -> None
     with pytest.raises(ArgumentError) as told:
         load_scene(EXAMPLES / FILES[0]).with_changes(**{field: value})
     if advised is None:
-        assert "as in a file" not in str(told.value)
+        assert "in the form of a file" not in str(told.value)
     else:
-        told.match(rf"as in a file, with_changes\({{{advised}}}\)$")
+        told.match(rf"in the form of a file, with_changes\({{{advised}}}\)$")
 
 
 def test_what_is_stated_in_python_is_copied_and_checked() -> None:
@@ -328,7 +333,9 @@ def test_friction_is_looked_up_anew_where_what_it_says_changed(scene: Scene) -> 
         np.testing.assert_array_equal(found[:count], expected[0])
         np.testing.assert_array_equal(found[count:], expected[1])
     np.testing.assert_array_equal(scene.problem().friction, first)
-    with pytest.raises(SceneError, match=r"friction: has no coefficient for .*; add it, 'hand' or"):
+    with pytest.raises(
+        SceneError, match=r"friction: has no coefficient for .*; add '.*', 'hand' or"
+    ):
         scene.with_changes(friction={"supports": 0.3}).problem()
 
 
@@ -378,15 +385,15 @@ def test_keys_are_changed_beside_fields_and_after_earlier_changes() -> None:
     ("key", "value", "message"),
     [
         ("object.masss", 1.0, r"object\.masss: unknown key; did you mean 'mass'"),
-        ("objct.mass", 1.0, r"objct\.mass: is no key of a scene; did you mean 'object'"),
+        ("objct.mass", 1.0, r"objct\.mass: is not a key of a scene; did you mean 'object'"),
         ("object.mass", -1.0, r"object\.mass: found -1\.0; needs a finite number > 0"),
-        ("supports.slop.friction", 0.1, "has no item called 'slop'; did you mean 'slope'"),
-        ("supports.².friction", 0.1, "has no item called '²'"),
-        ("supports.--1.friction", 0.1, "has no item called '--1'"),
+        ("supports.slop.friction", 0.1, "has no item named 'slop'; did you mean 'slope'"),
+        ("supports.².friction", 0.1, "has no item named '²'"),
+        ("supports.--1.friction", 0.1, "has no item named '--1'"),
         ("supports.-1.friction", 0.1, "has no item -1; it has 1"),
-        ("warnings", "error", "warnings: is no key of a scene"),
+        ("warnings", "error", "warnings: is not a key of a scene"),
         ("gravity.0.1", 1.0, r"gravity\.0\.1: gravity\.0 is 0 and has no keys below it"),
-        ("object.pose.rpy_deg.1", 1.0, "name rpy instead: in rad"),
+        ("object.pose.rpy_deg.1", 1.0, "use rpy instead, in rad"),
     ],
 )
 def test_a_key_that_leads_nowhere_is_named(key: str, value: object, message: str) -> None:

@@ -73,7 +73,7 @@ def test_the_most_particular_friction_counts(tmp_path, friction, own, expected):
 
 
 def test_a_missing_coefficient_is_an_error(tmp_path):
-    with pytest.raises(SceneError, match=r"no coefficient for 'floor'; add it, 'supports' or"):
+    with pytest.raises(SceneError, match=r"no coefficient for 'floor'; add 'floor', 'supports' or"):
         with_friction(tmp_path, {"hand": 0.3})
 
 

@@ -101,7 +101,7 @@ def test_torques_may_be_given_by_joint() -> None:
     assert borne[0] == borne[1]
     for wrong, told in (
         ({"thumb": 1.0}, "torques: unknown joint 'thumb'; known: finger_1/hinge"),
-        ({"finger_1/hinge": 1.0}, "torques: has none of 'finger_6/hinge'; give one for each joint"),
+        ({"finger_1/hinge": 1.0}, "torques: has no entry for 'finger_6/hinge'; give all joints"),
     ):
         with pytest.raises(ArgumentError, match=re.escape(told)):
             scene.stability(wrong)

@@ -89,10 +89,10 @@ LOADING = {
     },
     "friction.default": {
         "supports.slop.friction": (
-            ":3: vary['supports.slop.friction'].key: supports.slop.friction: has no item called "
+            ":3: vary['supports.slop.friction'].key: supports.slop.friction: has no item named "
             "'slop'; did you mean 'slope'? known: slope"
         ),
-        "supports.1.friction": ": has no item 1; it has 1, counted from 0",
+        "supports.1.friction": ": has no item 1; it has 1 items, counted from 0",
         "object.mass.kilo": ": object.mass is 1.0 and has no keys below it",
         "solve.margin": (
             ":3: vary['solve.margin']: has no effect with algorithm 'margin'; use algorithm"
@@ -143,8 +143,8 @@ CHECKING = {
             "'mass'?"
         ),
         "friction.hands": (
-            ":3: vary['friction.hands']: at 0.2: {scene}:4: scene: friction['hands']: names no "
-            "body; did you mean 'hand'?"
+            ":3: vary['friction.hands']: at 0.2: {scene}:4: scene: friction['hands']: is not "
+            "the name of a body; did you mean 'hand'?"
         ),
     },
     "from: 0.2": {

@@ -101,8 +101,10 @@ def largest_served(
             trial = low
             while high - trial > 0.5 * allowed_gap():
                 middle = 0.5 * (trial + high)
-                refuted = _is_conflict_refuted(failed, middle / failed_size)
-                trial, high = (trial, middle) if refuted else (middle, high)
+                if _is_conflict_kept(failed, middle / failed_size):
+                    high = middle
+                else:
+                    trial = middle
             if high - low <= allowed_gap():
                 break
             # Other members may be in conflict there, again and again: every second time, bisect.
@@ -135,7 +137,7 @@ def smaller_conflict(failed: RobustSolution, share: float) -> list[Member]:
     ]
 
 
-def _is_conflict_refuted(failed: RobustSolution, share: float) -> bool:
+def _is_conflict_kept(failed: RobustSolution, share: float) -> bool:
     """Whether the members stay in conflict with all deviations times a share."""
     directions = feedback_torques(failed.members[0].problem, failed.feedback)
     together = join_members(smaller_conflict(failed, share), directions)
@@ -211,7 +213,7 @@ _NEAR = 1e-4
 """Narrowest bracket, over the unit of the sets."""
 _KEPT = 16
 """Number of members in conflict in earlier sets that the next search begins with."""
-_LAST = 0.999
+_LARGEST_SHRINKAGE = 0.999
 """Largest share by which friction or torques may shrink: at 1 nothing would be left of them."""
 _SIDES = 32
 """Sides of the polygon around a circle, which is 0.5 % wider at its corners."""
@@ -305,8 +307,8 @@ class AttainableSearch:
         self.options, self.limits = options, Limits.from_options(options)
         self.directions = feedback_torques(problem, stiffness)
         self.nominal = nominal_member(problem)
-        still = np.zeros(3)
-        self.still = Corner(0.0, still, weight.down, still, still, np.zeros(problem.contact_count))
+        zero, no_friction = np.zeros(3), np.zeros(problem.contact_count)
+        self.nominal_corner = Corner(0.0, zero, weight.down, zero, zero, no_friction)
 
     def find(self, quantity: Quantity, known: float, torques: FloatArray) -> AttainableTolerance:
         """Return the attainable tolerance of a quantity.
@@ -363,10 +365,12 @@ class AttainableSearch:
 
     def _nested_sets(self, quantity: Quantity) -> _NestedSets:
         problem, weight, scales = self.problem, self.weight, self.problem.scales
-        none = np.zeros(problem.joint_count)
+        zeros = np.zeros(problem.joint_count)
         levers = problem.jacobian.any(axis=0)
         if quantity is Quantity.FRICTION:
-            return _NestedSets(self._corners_of_figure("friction"), most=_LAST, figure="friction")
+            return _NestedSets(
+                self._corners_of_figure("friction"), most=_LARGEST_SHRINKAGE, figure="friction"
+            )
         if quantity is Quantity.TILT:
             return _NestedSets(self._corners_of_figure("tilt"), most=MOST_TILT, figure="tilt")
         if quantity in (Quantity.MASS_MORE, Quantity.MASS_LESS):
@@ -392,15 +396,20 @@ class AttainableSearch:
                 wide=wide,
             )
         if quantity is Quantity.JOINT:
-            each = np.concatenate([np.eye(len(none))[levers], -np.eye(len(none))[levers]])
+            each = np.concatenate([np.eye(len(zeros))[levers], -np.eye(len(zeros))[levers]])
             return _NestedSets(
-                lambda size: [self.nominal, *(self._with_errors(none, size * one) for one in each)],
+                lambda size: [
+                    self.nominal,
+                    *(self._with_errors(zeros, size * one) for one in each),
+                ],
                 float(scales.joints[levers].max()),
             )
-        sign, most = (1.0, _FARTHEST) if quantity is Quantity.TORQUE_MORE else (-1.0, _LAST)
+        sign, most = (
+            (1.0, _FARTHEST) if quantity is Quantity.TORQUE_MORE else (-1.0, _LARGEST_SHRINKAGE)
+        )
 
         def all_torques(size: float) -> list[Member]:
-            off = self._with_errors(np.where(levers, sign * size, 0.0), none)
+            off = self._with_errors(np.where(levers, sign * size, 0.0), zeros)
             return [self.nominal, replace(off, words=f"all torques {100.0 * sign * size:+.3g} %")]
 
         return _NestedSets(all_torques, most=most)
@@ -420,13 +429,13 @@ class AttainableSearch:
 
     def _load_members(self, changes: list[dict[str, float | FloatArray]]) -> list[Member]:
         """Return the nominal member, and one member for each change of the load."""
-        none = np.zeros(self.problem.joint_count)
-        corners = (replace(self.still, **one) for one in changes)
-        made = (member_at(self.problem, self.weight, one, none, none) for one in corners)
+        zeros = np.zeros(self.problem.joint_count)
+        corners = (replace(self.nominal_corner, **one) for one in changes)
+        made = (member_at(self.problem, self.weight, one, zeros, zeros) for one in corners)
         return [self.nominal, *made]
 
     def _with_errors(self, factor: FloatArray, offset: FloatArray) -> Member:
-        return member_at(self.problem, self.weight, self.still, factor, offset)
+        return member_at(self.problem, self.weight, self.nominal_corner, factor, offset)
 
     def _free_motion(self, conflict: tuple[Member, ...]) -> FloatArray | None:
         """Return a motion that no contact resists and along which members need other torques."""

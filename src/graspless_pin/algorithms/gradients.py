@@ -224,8 +224,7 @@ def force_costs(problem: QuasistaticProblem, at: OptimalPoint) -> FloatArray:
 def gradients_at(solution: TorqueSolution, at: OptimalPoint) -> Gradients:
     """Return the derivatives at given optimal forces and multipliers."""
     problem, f = solution.problem, at.forces
-    # The margin is maximised: minus the optimum of the minimisation.
-    sign = -1.0 if solution.algorithm is Algorithm.MARGIN else 1.0
+    sign = solution.objective.sign  # the multipliers are those of a minimisation
     cost = force_costs(problem, at)
     found, normal_upper = at.multipliers, at.of_contacts("normal_upper")
     upper, lower = -found["torque_upper"], found["torque_lower"]
@@ -280,8 +279,8 @@ def _round_cone_slopes(
     """(M,) derivatives by mu in |f_t| <= mu f_n - sqrt(1 + mu^2) e; e is the active distance."""
     mu = problem.friction
     distance = problem.cone_model.surface_distances(local, mu, problem.cone_edges)
-    turned = local[:, 0] - mu / np.sqrt(1.0 + mu**2) * distance
-    return -found["round_cones"][:, 0] * turned
+    distance_slope = local[:, 0] - mu / np.sqrt(1.0 + mu**2) * distance
+    return -found["round_cones"][:, 0] * distance_slope
 
 
 def _face_slopes(problem: QuasistaticProblem, found: Marginals, local: FloatArray) -> FloatArray:
@@ -290,8 +289,8 @@ def _face_slopes(problem: QuasistaticProblem, found: Marginals, local: FloatArra
     around = local[:, 1:] @ section.directions
     slope = problem.friction[:, None] * section.distances
     length = np.sqrt(1.0 + slope**2)
-    turned = -local[:, :1] - slope / length**2 * (around - slope * local[:, :1])
-    return np.einsum("mk,mk->m", section.distances / length * found["faces"], turned)
+    row_slope = -local[:, :1] - slope / length**2 * (around - slope * local[:, :1])
+    return np.einsum("mk,mk->m", section.distances / length * found["faces"], row_slope)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -46,8 +46,8 @@ def robustness_scene(
 ) -> None:
     """Report under which torque errors and lost contacts rest stays proven, or what would help.
 
-    Exit code 0: rest is the only outcome; 1: it is not, or not proven, or no torques were found;
-    2: bad input; 4: rest is the only outcome, and something serious is wrong with the scene.
+    Exit code 0: rest is the only outcome; 1: it is not, or no torques were found; 2: bad input;
+    3: undecided; 4: rest is the only outcome, but something serious is wrong with the scene.
 
     Examples:
         graspless-pin robustness scene.yaml
@@ -57,7 +57,7 @@ def robustness_scene(
         loaded, solution = solved_scene(scene, algorithm, controller, **figures)
         if reason := no_verdict_reason(loaded):
             typer.echo(reason)
-            raise typer.Exit(ExitCode.INFEASIBLE)
+            raise typer.Exit(ExitCode.NOT_PROVEN)
         if solution.problem.is_sliding.any():
             raise SceneError(
                 f"{label_of(loaded)}: motion: contacts slide in the declared motion; robustness is "
@@ -69,7 +69,8 @@ def robustness_scene(
                 solution.problem, solution.torques, node_limit=nodes, time_limit=limits.seconds_left
             )
         result = replace(result, verdict=verdict_with_scene_data(loaded, result.verdict))
-        is_strong = result.verdict.status is Stability.STRONG
+        status = result.verdict.status
+        is_strong = status is Stability.STRONG
         typer.echo(str(result))
         for line in (
             _gap_lines(loaded, result)
@@ -77,7 +78,10 @@ def robustness_scene(
             else _remedy_lines(loaded, solution, nodes, limits)
         ):
             typer.echo(line)
-    raise typer.Exit(ExitCode.FOUND if is_strong else ExitCode.INFEASIBLE)
+    if is_strong:
+        raise typer.Exit(ExitCode.FOUND)
+    is_open = status is Stability.UNDECIDED
+    raise typer.Exit(ExitCode.NOT_PROVEN if is_open else ExitCode.INFEASIBLE)
 
 
 def _gap_lines(scene: Scene, result: Robustness) -> list[str]:

@@ -102,7 +102,7 @@ def encoding_in_words(content: bytes, start: int) -> str:
     line = content.count(b"\n", 0, start) + 1
     letter = content[start : start + 1].decode("cp1252", errors="ignore")
     if not letter:
-        return f"line {line} has a byte that is no letter"
+        return f"line {line} has a byte that is not text"
     return f"line {line} is in a Windows encoding ({letter!r} as one byte): save it as UTF-8"
 
 
@@ -205,7 +205,7 @@ def read_bytes(path: Path, kind: FileKind) -> bytes:
     except OSError as error:
         raise kind.error(f"{path}: cannot be read ({error.strerror})") from None
     except ValueError:
-        raise kind.error(f"{str(path)!r}: is no path of a file") from None
+        raise kind.error(f"{str(path)!r}: is not the path of a file") from None
     if len(content) > size_limit:
         raise kind.error(
             f"{path}: has more than {kind.mebibytes} MiB, the most that a {kind.name} may have"
@@ -271,13 +271,15 @@ def _check_regular(path: Path, mode: int, kind: FileKind) -> None:
         return
     special_kind = next((name for test, name in _SPECIAL if test(mode)), "special file")
     candidates = _candidate_files(path) if stat.S_ISDIR(mode) else ""
-    raise kind.error(f"{path}: is a {special_kind}; a {kind.name} is a regular file{candidates}")
+    raise kind.error(
+        f"{path}: is a {special_kind}; a {kind.name} must be a regular file{candidates}"
+    )
 
 
 def _candidate_files(folder: Path) -> str:
     """Return, for messages, some files of a folder that may have been meant."""
     names = sorted(name for name in _names_in_folder(folder) if name.endswith(_TEXTS))[:4]
-    return f", such as {', '.join(names)} in it" if names else ""
+    return f", such as {', '.join(names)} in this folder" if names else ""
 
 
 def _names_in_folder(folder: Path) -> list[str]:

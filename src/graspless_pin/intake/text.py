@@ -87,7 +87,7 @@ def _parse_float(digits: str) -> float:
 
 
 def _refuse_constant(word: str) -> NoReturn:
-    raise TextError(f"is not JSON: has the word {word}; write null for what is no number")
+    raise TextError(f"is not JSON: has the word {word}; write null instead of it")
 
 
 def _without_repeated_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

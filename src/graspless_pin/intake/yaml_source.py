@@ -134,7 +134,7 @@ class YamlSource:
         except GrasplessPinError as error:
             raise self.error((*location, *also), str(error)) from error
         except OSError as error:
-            message = f"a file cannot be read ({error}); check it"
+            message = f"its file cannot be read ({error})"
             raise self.error((*location, *also), message) from error
 
     def file(self, text: str) -> Path:
@@ -186,7 +186,7 @@ def validated(source: YamlSource, model: type[_Entry]) -> _Entry:
         mistakes.sort(key=lambda mistake: not mistake[1].startswith(_UNKNOWN_KEY))
         lines = [*dict.fromkeys(source.message(*mistake) for mistake in mistakes)]
         unlisted = len(lines) - _MOST_LISTED + max(0, error.error_count() - _MOST_EXAMINED)
-        remainder = [f"... and {unlisted} mistakes more"] if unlisted > 0 else []
+        remainder = [f"... and {unlisted} more mistakes"] if unlisted > 0 else []
         raise source.kind.error("\n".join([*lines[:_MOST_LISTED], *remainder])) from None
 
 

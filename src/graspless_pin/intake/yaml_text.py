@@ -143,8 +143,8 @@ def _lines_of(root: yaml.Node) -> dict[Location, int]:
             raise TextError("an anchor contains itself; write it out", line)
         if len(lines) > MOST_ENTRIES:
             raise TextError(
-                f"has more than {MOST_ENTRIES} entries; shapes of many points are for mesh files, "
-                "and anchors that repeat anchors grow without bound",
+                f"has more than {MOST_ENTRIES} entries; use a mesh file for a shape of many "
+                "points, and no anchors inside of anchors",
                 line,
             )
         if len(location) > DEEPEST_YAML:
@@ -177,7 +177,7 @@ def _check_scalar(node: yaml.Node, location: Location) -> None:
     code = bad_character(node.value)
     if code is not None:
         raise TextError(
-            f"{place}has the character {code}, which cannot be printed; leave it out", line
+            f"{place}has the character {code}, which cannot be printed; remove it", line
         )
 
 
@@ -186,16 +186,16 @@ def _advice(error: yaml.MarkedYAMLError) -> str:
     problem = error.problem or "unreadable"
     advice = "use plain mappings, lists, text and numbers"
     if "tag" in problem:
-        advice = "tags stay inert here: write the plain value"
+        advice = "YAML tags are not supported: write the plain value"
     elif "\\t" in problem or "tab" in problem:
         advice = "indent with spaces"
     elif "document" in problem:
-        advice = "a file holds one document"
+        advice = "a file must have a single document"
     elif "<block" in problem:
-        problem, advice = "a line of another indentation", "begin the keys beside each other alike"
+        problem, advice = "a line of another indentation", "indent keys of one mapping equally"
     elif "mapping values" in problem or "':'" in problem:
         problem = "a key or a value too many"
-        advice = "here or one line above, write 'key: value', with a blank behind the colon"
+        advice = "here or one line above, write 'key: value', with a space after the colon"
     column = f"column {error.problem_mark.column + 1}: " if error.problem_mark else ""
     return f"{column}{problem}; {advice}"
 

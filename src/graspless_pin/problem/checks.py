@@ -137,7 +137,7 @@ def motor_torques(names: Sequence[str], given: ArrayLike | Mapping[str, float]) 
         check_known("torques", "joint", given, names)
         if missing := [name for name in names if name not in given]:
             raise ArgumentError(
-                "torques", f"has none of {', '.join(map(repr, missing))}; give one for each joint"
+                "torques", f"has no entry for {', '.join(map(repr, missing))}; give all joints"
             )
         given = [given[name] for name in names]
     return finite_array("torques", given, (len(names),))
@@ -430,8 +430,8 @@ def checked_passive_units(units: Sequence[str] | None, count: int) -> tuple[Join
     if remainder:
         raise ArgumentError(
             "passive_units",
-            f"is missing for a wrench_matrix of {count} rows; left out, it is three 'N' and three "
-            f"'N m' for each free body, and the rows must be a multiple of {len(FREE_BODY)}",
+            f"is missing for a wrench_matrix of {count} rows; it may be left out only for free "
+            f"bodies, each of {len(FREE_BODY)} rows: three 'N' and three 'N m'",
         )
     return FREE_BODY * bodies
 

@@ -49,19 +49,19 @@ class Section:
         sides = np.roll(points, -1, axis=0) - points
         lengths = np.linalg.norm(sides, axis=1)
         if len(points) < 3 or not lengths.all():
-            raise ArgumentError(name, "are not three or more distinct ones")
+            raise ArgumentError(name, "must be at least three distinct points")
         directions = np.stack([sides[:, 1], -sides[:, 0]]) / lengths
         distances = np.einsum("ij,ji->i", points, directions)
         if distances.min() <= 0.0 or (points @ directions - distances).max() > _SECTION_ROUNDING:
             raise ArgumentError(
-                name, "must be those of a convex polygon around the normal, counterclockwise"
+                name, "must be the corners of a convex polygon around the normal, counterclockwise"
             )
         longest = float(np.linalg.norm(points, axis=1).max())
         if longest > 1.0 + _SECTION_ROUNDING:
             raise ArgumentError(
                 name,
-                f"are up to {longest:.6g} from the normal; they must be within 1: the coefficient "
-                "of friction is that of the direction with the most friction",
+                f"are up to {longest:.6g} from the normal; they must be within 1, as the "
+                "coefficient of friction is that of the direction with most friction",
             )
         return cls(points, read_only(directions), read_only(distances))
 
@@ -177,8 +177,8 @@ class ConeModel(ABC):
         """
         raise ArgumentError(
             "cone",
-            f"is '{self.name}', which does not tell the kinetic friction of contacts that slide; "
-            "use another, or leave out the motion",
+            f"is '{self.name}', which does not define the kinetic friction of sliding contacts; "
+            "use another cone, or leave out the motion",
         )
 
     def kinetic_directions(
@@ -214,7 +214,7 @@ class ConeModel(ABC):
             if power.max() > 0.0 or np.linalg.norm(kinetic, axis=1).max() > 1.0 + _SECTION_ROUNDING:
                 raise ArgumentError(
                     "cone",
-                    f"is '{self.name}', whose kinetic friction must be against the sliding and at "
+                    f"is '{self.name}', whose kinetic friction must oppose sliding and be at "
                     f"most 1; it is {kinetic.tolist()!r:.100} for directions {v.tolist()!r:.100}",
                 )
             directions[sliding_contacts] += np.einsum(

@@ -61,7 +61,7 @@ def moving_joints(problem: QuasistaticProblem) -> NDArray[np.intp]:
     """
     inertia = problem.joint_inertia
     if inertia is None:
-        raise ArgumentError("joint_inertia", "is missing; accelerations follow from inertias")
+        raise ArgumentError("joint_inertia", "is missing; accelerations require it")
     joints = np.flatnonzero(hybrid_contacts(problem) < 0)
     joint_inertia = inertia[np.ix_(joints, joints)]
     massless = joint_inertia.diagonal() <= 0.0

@@ -234,5 +234,5 @@ def _check_body_pairs(bodies: FloatArray, count: int) -> None:
         row = int(np.argmax(same))
         raise ArgumentError(
             "bodies",
-            f"at index {row} is {bodies[row].astype(int).tolist()}: a body does not touch itself",
+            f"at index {row} is {bodies[row].astype(int).tolist()}: a body cannot touch itself",
         )

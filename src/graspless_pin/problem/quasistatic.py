@@ -208,7 +208,7 @@ class QuasistaticProblem:
         known = [*values, *INERTIAS]
         unknown = sorted(set(changes) - set(known))
         if unknown:
-            raise ArgumentError(unknown[0], f"is no argument; known: {', '.join(known)}")
+            raise ArgumentError(unknown[0], f"is not an argument; known: {', '.join(known)}")
         columns: tuple[int, ...] = ()
         with suppress(ValueError):  # the constructor says that it is no matrix
             columns = np.shape(changes.get("jacobian", self.jacobian))[1:]
@@ -223,8 +223,8 @@ class QuasistaticProblem:
         elif "positions" in changes and self.wrench_matrix is not None:
             raise ArgumentError(
                 "wrench_matrix",
-                "was given, and does not follow other positions; pass the one that belongs to "
-                "them, too, or None for that of one free object",
+                "was given for the old positions; give the matrix of the new positions, too, or "
+                "None for that of one free object",
             )
         return keep_inertias(self, QuasistaticProblem(**{**values, **changes}), changes)
 

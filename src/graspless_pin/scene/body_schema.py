@@ -69,15 +69,17 @@ ROTATION_FORMS = ("rpy", "rpy_deg", "quaternion", "matrix")
 class PoseEntry(Entry):
     """A pose: where the frame's origin is, and at most one form of its rotation."""
 
-    position: Vector = Field(default=(0.0, 0.0, 0.0), description="[m] of the frame's origin")
+    position: Vector = Field(
+        default=(0.0, 0.0, 0.0), description="[m] position of the frame's origin"
+    )
     rpy: Vector | None = Field(
         default=None,
-        description="[rad] roll, pitch, yaw, R = Rz(yaw) Ry(pitch) Rx(roll) as in URDF",
+        description="[rad] roll, pitch, yaw: R = Rz(yaw) Ry(pitch) Rx(roll), as in URDF",
     )
-    rpy_deg: Vector | None = Field(default=None, description="[deg] the same in degrees")
+    rpy_deg: Vector | None = Field(default=None, description="[deg] roll, pitch, yaw in degrees")
     quaternion: (
         Annotated[tuple[Finite, Finite, Finite, Finite], AfterValidator(_check_unit_length)] | None
-    ) = Field(default=None, description="[1] x, y, z, w, of length 1")
+    ) = Field(default=None, description="[1] unit quaternion x, y, z, w")
     matrix: tuple[Vector, Vector, Vector] | None = Field(
         default=None, description="[1] rows of the rotation matrix R"
     )
@@ -102,19 +104,20 @@ class PartEntry(Entry):
     """A part of a compound: a shape, and where it is."""
 
     shape: Annotated[Entry, _union_by_type(*_SOLIDS)] = Field(
-        description="one of the shapes below, but for a half-space and a compound"
+        description="one of the shapes below, except a half-space or a compound"
     )
     pose: PoseEntry = Field(
-        default=PoseEntry(), description="of the shape's frame in that of the compound"
+        default=PoseEntry(), description="pose of the shape's frame in the compound's frame"
     )
 
 
 class CompoundEntry(Entry):
     """Several shapes as one body."""
 
-    type: Literal["compound"] = Field(description="says that it is a compound")
+    type: Literal["compound"] = Field(description="the shape is a compound")
     parts: Annotated[Many[PartEntry], Field(min_length=1)] = Field(
-        description="at least one; where parts overlap, both count for volume and inertia"
+        description="at least one part; overlapping volumes count more than once for mass and "
+        "inertia"
     )
 
 
@@ -125,20 +128,24 @@ ShapeEntry = Annotated[Entry, _union_by_type(*_SOLIDS, CompoundEntry, HalfSpace.
 class ObjectEntry(Entry):
     """The manipulated object, with its mass or its density."""
 
-    name: Name = Field(default="object", description="how results call it")
-    shape: SolidEntry = Field(description="one of the shapes below, but for a half-space")
-    mass: Positive | None = Field(default=None, description="[kg] or give density")
-    density: Positive | None = Field(default=None, description="[kg/m^3] or give mass")
+    name: Name = Field(default="object", description="name of the object in results")
+    shape: SolidEntry = Field(description="one of the shapes below, except a half-space")
+    mass: Positive | None = Field(default=None, description="[kg] mass; or give density")
+    density: Positive | None = Field(default=None, description="[kg/m^3] density; or give mass")
     center_of_mass: Vector | None = Field(
-        default=None, description="[m] in the object's frame; default: the centroid of the shape"
+        default=None,
+        description="[m] centre of mass in the object's frame; default: the centroid of the shape",
     )
     inertia: Moments | tuple[Vector, Vector, Vector] | None = Field(
         default=None,
-        description="[kg m^2] about the centre of mass, the object's axes: three moments, or the "
-        "rows of the matrix; default: that of the shape filled evenly with the mass",
+        description="[kg m^2] inertia about the centre of mass, in the object's axes: three "
+        "principal moments, or the rows of the matrix; default: that of a homogeneous "
+        "body of this shape and mass",
     )
-    material: Name | None = Field(default=None, description="its name in materials")
-    pose: PoseEntry = Field(default=PoseEntry(), description="of the object's frame in the world")
+    material: Name | None = Field(default=None, description="name of the material in 'materials'")
+    pose: PoseEntry = Field(
+        default=PoseEntry(), description="pose of the object's frame in the world"
+    )
 
     @model_validator(mode="after")
     def _mass_or_density(self) -> ObjectEntry:
@@ -158,24 +165,28 @@ class TwistEntry(Entry):
 class SupportEntry(Entry):
     """Something that the object may touch: fixed, or moving with a velocity of its own."""
 
-    name: Name = Field(description="unique among the supports")
+    name: Name = Field(description="name, unique among the supports")
     shape: ShapeEntry = Field(description="one of the shapes below")
-    pose: PoseEntry = Field(default=PoseEntry(), description="of the shape's frame in the world")
+    pose: PoseEntry = Field(
+        default=PoseEntry(), description="pose of the shape's frame in the world"
+    )
     friction: Friction | None = Field(
-        default=None, description="[1] coefficient to the object; default: as friction says"
+        default=None,
+        description="[1] coefficient of friction with the object; default: from 'friction'",
     )
     velocity: TwistEntry = Field(
         default=TwistEntry(),
-        description="of the support frame's origin: a conveyor, a turntable",
+        description="velocity of the support at its frame's origin, e.g. of a conveyor or a "
+        "turntable",
     )
-    material: Name | None = Field(default=None, description="its name in materials")
+    material: Name | None = Field(default=None, description="name of the material in 'materials'")
 
 
 LinkConvex = Annotated[
     Convex | ByName[Convex] | None,
     Field(
-        description="how the links' collision meshes are made convex, for all or by link; default: "
-        "as in the robot file, else hull",
+        description="how collision meshes of links are made convex, for all or by link; default: "
+        "from the robot file, else hull",
     ),
 ]
 
@@ -185,35 +196,36 @@ class MountEntry(Entry):
 
     robot: FilePath | None = Field(
         default=None,
-        description="a robot file of this package or by path, or an example-robot-data model",
+        description="name of a robot of this package, path of a robot file, or name of an "
+        "example-robot-data model",
     )
     urdf: FilePath | None = Field(
         default=None, description="path of a URDF, xacro file or MJCF, relative to the scene file"
     )
     package_dirs: Few[FilePath] = Field(
-        default=[], description="folders in which the URDF's package:// addresses are looked for"
+        default=[], description="folders with the packages of the URDF's package:// addresses"
     )
     srdf: FilePath | None = Field(
         default=None,
-        description="path of its SRDF (groups, states, pairs of links that may be in each other); "
-        "default: the one beside the URDF, or in the folder srdf beside its folder",
+        description="path of its SRDF (groups, states, disabled collision pairs); default: one in "
+        "the URDF's folder, or in a folder srdf next to that folder",
     )
     root_link: Name | None = Field(
         default=None,
-        description="link to mount with all links below it, such as the palm of a whole robot; "
-        "default: the robot file's, else the root",
+        description="link to mount, with all links below it, such as the palm of a whole robot; "
+        "default: from the robot file, else the root",
     )
     base_pose: PoseEntry = Field(
-        default=PoseEntry(), description="of the robot's root link in the world"
+        default=PoseEntry(), description="pose of the robot's root link in the world"
     )
     fingers: ByName[FingerEntry] | None = Field(
         default=None,
-        description="the fingers by name; default: the robot file's, else the branches below the "
-        "palm",
+        description="the fingers by name; default: from the robot file, else the branches below "
+        "the palm",
     )
     visuals_collide: bool | None = Field(
         default=None,
-        description="whether links without collision shapes take their visual ones; default: as in "
+        description="whether links without collision shapes use their visual shapes; default: from "
         "the robot file, else no",
     )
     convex: LinkConvex = None
@@ -231,14 +243,16 @@ class MountEntry(Entry):
     @classmethod
     def _refuse_mjcf_key(cls, data: Any) -> Any:
         if isinstance(data, dict) and "mjcf" in data:
-            raise ValueError("found mjcf; an MJCF is named by the key 'urdf', too")
+            raise ValueError("found mjcf; use the key 'urdf' for an MJCF, too")
         return data
 
 
 class PrefixedMountEntry(MountEntry):
     """One of several robots: the prefix goes before the names of its joints, links, fingers."""
 
-    prefix: Name = Field(description="such as left/")
+    prefix: Name = Field(
+        description="prefix of the names of its joints, links and fingers, such as left/"
+    )
 
     @model_validator(mode="before")
     @classmethod
@@ -259,41 +273,44 @@ class HandEntry(MountEntry):
     """The hand: one robot, or several under ``mounts``."""
 
     mounts: Annotated[list[PrefixedMountEntry], Field(max_length=16)] = Field(
-        default=[], description="several robots, each with a prefix; instead of robot or urdf"
+        default=[], description="several robots, each with a prefix, instead of robot or urdf"
     )
     group_states: Annotated[Few[Name], BeforeValidator(as_list)] = Field(
         default=[],
-        description="a state of the SRDF, or a list of them, GROUP/STATE or STATE: positions of "
-        "the joints that q does not name",
+        description="one or more states of the SRDF, as GROUP/STATE or STATE: positions of joints "
+        "that q does not give",
     )
     q: ByName[Finite] = Field(
-        default={}, description="[rad, m] positions by joint name, those left out are 0"
+        default={}, description="[rad, m] positions by joint name; other joints are at 0"
     )
     q_deg: ByName[Finite] = Field(
         default={}, description="[deg] positions of revolute joints by name, instead of q"
     )
     control: ModeName | ByName[ModeName] | None = Field(
         default=None,
-        description="one mode for all joints, or modes by finger or joint; default: force, and "
-        "position for the joints of an arm that carries the hand",
+        description="one control mode for all joints, or modes by finger or joint; default: force, "
+        "and position for joints of an arm that carries the hand",
     )
     effort_limits: ByName[NotNegative | tuple[Signed, Signed]] = Field(
         default={},
-        description="[N m, N] by joint, finger or tendon; a number means -x to x, of a tendon that "
-        "only pulls 0 to x",
+        description="[N m, N] limits by joint, finger or tendon; a number x means -x to x, for a "
+        "tendon 0 to x, as it only pulls",
     )
     armature: NotNegative | ByName[NotNegative] | None = Field(
         default=None,
-        description="[kg m^2, kg] inertia of the motors' rotors at the joints, "
-        "gear ratio squared included: one number, or by joint or finger; default: the URDF's",
+        description="[kg m^2, kg] inertia of the motors' rotors at the joints, times the gear "
+        "ratio squared: one number, or by joint or finger; default: from the URDF",
     )
     hybrid_force_limit: Positive | None = Field(
         default=None,
         description="[N] largest commanded force of a hybrid finger; default: max_normal_force",
     )
-    material: Name | None = Field(default=None, description="of all its links")
+    material: Name | None = Field(
+        default=None, description="name of the material of all links in 'materials'"
+    )
     count_own_weight: bool = Field(
-        default=True, description="whether g(q), the links' own weight, counts against the limits"
+        default=True,
+        description="whether the torques g(q) of the links' weight count against the effort limits",
     )
 
     @model_validator(mode="after")

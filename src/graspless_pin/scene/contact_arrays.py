@@ -176,8 +176,8 @@ def _contacts_after_motion(scene: SceneFields, touching: ContactArrays) -> Scene
     if not staying:
         raise StateError(
             StateFault.PARTED,
-            f"{label_of(scene)}: the declared motion parts object {scene.object.name!r} from "
-            "everything that touches it; no contact is left",
+            f"{label_of(scene)}: the declared motion separates object {scene.object.name!r} from "
+            "all bodies that touch it; no contact is left",
         )
     return SceneContacts(touching.at_indices(staying), sliding[staying])
 

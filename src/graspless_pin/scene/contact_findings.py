@@ -67,7 +67,7 @@ def stated_contact_findings(scene: SceneFields) -> Iterator[Finding]:
             f"the normal{'s' * several} of stated contact{'s' * several} "
             f"{', '.join(map(str, outward))} point{'s' * (not several)} out of object "
             f"'{target.name}'",
-            "turn it round: normals point from the other body into the object",
+            "reverse it: normals point from the other body into the object",
             ("contacts", outward[0], "normal"),
         )
     if off_surface:
@@ -77,8 +77,8 @@ def stated_contact_findings(scene: SceneFields) -> Iterator[Finding]:
             FindingCode.CONTACT_OFF_SURFACE,
             target.name,
             f"stated contact {index} is {words}{others}",
-            "give the point where they touch, in metres and world axes; if the shapes are simpler "
-            f"than the bodies, raise contact_tolerance ({in_mm(tolerance)})",
+            "give the point where they touch, in metres and world axes; if shapes are simpler than "
+            f"the real bodies, raise contact_tolerance ({in_mm(tolerance)})",
             ("contacts", index, "position"),
         )
 
@@ -152,7 +152,10 @@ def _near_miss_findings(scene: SceneFields, touching: set[str]) -> Iterator[Find
             nearest[finger] = min(nearest.get(finger, (np.inf, "")), (gap, bodies[k].name))
     for finger, (gap, link) in nearest.items():
         if (1.0 + _GAP_ROUNDING) * tolerance < gap <= reach:
-            advice, key = "close the finger (graspless-pin close), correct q", "q"
+            advice, key = (
+                "close the finger (graspless-pin close), correct its joint positions (q)",
+                "q",
+            )
             if hand.finger_of(link) is None:
                 advice, key = "move the hand closer (base_pose) if it should touch", "base_pose"
             yield Finding(
@@ -183,8 +186,8 @@ def _no_support_findings(scene: SceneFields, reach: float) -> Iterator[Finding]:
             scene.object.name,
             f"no support touches object '{scene.object.name}': the nearest, '{nearest}', is "
             f"{in_mm(gaps[nearest])} away",
-            "if it should lie there, settle it (graspless-pin settle) or correct its pose; else "
-            "the hand alone carries it",
+            "if the object should lie on it, settle it (graspless-pin settle) or correct its pose; "
+            "otherwise the hand carries the whole weight",
             ("object", "pose"),
         )
 
@@ -209,7 +212,7 @@ def _idle_mount_findings(
                 prefix,
                 f"robot '{prefix}' touches nothing: it is {in_mm(gap)} from object "
                 f"'{scene.object.name}'",
-                "correct its base_pose (m, rad) or q, or leave it out, if it should touch",
+                "if it should touch, correct its base_pose (m, rad) or q; otherwise leave it out",
                 ("hand", "mounts", index[prefix], "base_pose"),
             )
 
@@ -234,8 +237,8 @@ def _overlap_and_normal_findings(scene: SceneFields, touching: ContactArrays) ->
                 FindingCode.DEEP_OVERLAP,
                 body,
                 f"'{body}' and object '{scene.object.name}' overlap by {in_mm(-gap)}",
-                f"{advice}; up to max_penetration ({in_mm(scene.max_penetration)}) it passes for "
-                "contact",
+                f"{advice}; overlaps up to max_penetration ({in_mm(scene.max_penetration)}) "
+                "count as contact",
                 key,
             )
     others = [*(() if scene.hand is None else scene.hand.placed_bodies)]
@@ -249,7 +252,7 @@ def _overlap_and_normal_findings(scene: SceneFields, touching: ContactArrays) ->
                 body,
                 f"'{body}' touches object '{scene.object.name}' edge on edge: a small shift turns "
                 f"the normal there by {np.degrees(worst):.0f} degrees",
-                "shift one of them so that a face touches, or compare the answers beside it",
+                "shift one of them so that a face touches, or compare the results of nearby poses",
             )
 
 
@@ -280,7 +283,7 @@ def _uneven_gap_findings(scene: SceneFields, touching: ContactArrays) -> Iterato
             continue
         near = int(np.argmax(excess[far]))
         gap, object_name = in_mm(gaps[far]), scene.object.name
-        near_words = f"'{names[near]}', rigid with it,"
+        near_words = f"'{names[near]}', which is rigidly connected to it,"
         if names[near] == name:
             near_words = "another of its contacts"
         angle = np.degrees(np.arctan2(gap_difference[far, near], levers[far, near]))
@@ -288,9 +291,9 @@ def _uneven_gap_findings(scene: SceneFields, touching: ContactArrays) -> Iterato
             FindingCode.UNEVEN_GAPS,
             name,
             f"'{name}' is {gap} from object '{object_name}' at one contact, where {near_words} is "
-            f"{in_mm(gaps[near])} from it: both count as contacts that bear, and they only touch "
-            f"at once if the bodies turn by {angle:.2g} degrees",
-            "correct their poses (q, base_pose, settle), or leave this contact out: "
+            f"{in_mm(gaps[near])} from it: both count as contacts with force, but they only touch "
+            f"at the same time if the bodies turn by {angle:.2g} degrees",
+            "correct their poses (q, base_pose, settle), or leave this contact out with a "
             f"contact_tolerance below {gap}",
             ("contact_tolerance",),
         )

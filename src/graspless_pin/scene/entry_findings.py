@@ -118,7 +118,7 @@ def _material_findings(entry: SceneEntry, table: Materials) -> Iterator[Finding]
         yield Finding(
             FindingCode.MISSPELT_MATERIAL,
             name,
-            f"no body is of the material {name!r}",
+            f"no body has the material {name!r}",
             f"did you mean {likely_name!r}?",
             ("materials", *pair),
         )
@@ -126,8 +126,8 @@ def _material_findings(entry: SceneEntry, table: Materials) -> Iterator[Finding]
         yield Finding(
             FindingCode.UNUSED_MATERIALS,
             "materials",
-            f"no pair of materials counts, for {materials_in_words(own, others)}",
-            "add their pair, or the 'material' that is left out",
+            f"no pair of materials has an effect, as {materials_in_words(own, others)}",
+            "add the pair of these materials, or the missing key 'material' of a body",
             ("materials",),
         )
 
@@ -169,7 +169,7 @@ def unit_findings(target: ManipulatedObject, *, beside_hand: bool) -> Iterator[F
         yield Finding(
             FindingCode.UNLIKELY_SIZE,
             target.name,
-            f"object '{target.name}' is {_size_text(size)} m large, beside a hand",
+            f"object '{target.name}' is {_size_text(size)} m large, which is unlikely for a hand",
             f"give lengths in metres: it looks like {_size_guess(size)}?",
             ("object", "shape"),
         )
@@ -191,10 +191,10 @@ def unit_findings(target: ManipulatedObject, *, beside_hand: bool) -> Iterator[F
             yield Finding(
                 FindingCode.UNLIKELY_INERTIA,
                 target.name,
-                f"the inertia of object '{target.name}' has a moment of {moment:.3g} kg m^2, and "
-                f"{target.mass:g} kg inside its shape have at most {largest:.3g}",
+                f"the inertia of object '{target.name}' has a moment of {moment:.3g} kg m^2, but "
+                f"{target.mass:g} kg inside its shape have at most {largest:.3g} kg m^2",
                 "give it about the centre of mass in kg m^2 (1 g mm^2 is 1e-9 kg m^2), or leave "
-                "it out: shape and mass tell it",
+                "it out: it then follows from shape and mass",
                 ("object", "inertia"),
             )
 
@@ -216,7 +216,7 @@ def tolerance_findings(
             yield Finding(
                 FindingCode.UNLIKELY_SIZE,
                 target.name,
-                f"{key} is {length:g} m, and the smallest extent of object '{target.name}' is "
+                f"{key} is {length:g} m, but the smallest extent of object '{target.name}' is "
                 f"{smallest:.3g} m",
                 f"give it in metres: {length:g} mm are {1e-3 * length:g} m",
                 (key,),

@@ -49,9 +49,9 @@ def _checked_changes(changes: Mapping[str, Any]) -> dict[str, Any]:
     for name, value in changes.items():
         if name not in _CHECKS:
             keys = [f"{part}.{name}" for part, named in _PARTS.items() if name in named]
-            advice = f"with_changes({{{keys[0]!r}: ...}}) sets that of a file; " if keys else ""
+            advice = f"with_changes({{{keys[0]!r}: ...}}) sets the key of a file; " if keys else ""
             known = names_in_words(name, _CHECKS)
-            raise ArgumentError(name, f"is no field of a scene; {advice}{known}")
+            raise ArgumentError(name, f"is not a field of a scene; {advice}{known}")
         checked[name] = _CHECKS[name](name, value)
     return checked
 
@@ -73,7 +73,7 @@ def _instance_check(kind: type, example: str = "", *, optional: bool = False) ->
             return value
         hint = f", e.g. {example}" if example else ""
         if isinstance(value, Mapping) and name in _IN_A_FILE:
-            hint += f", or, as in a file, with_changes({{{_IN_A_FILE[name]}}})"
+            hint += f", or, in the form of a file, with_changes({{{_IN_A_FILE[name]}}})"
         none, article = " or None" if optional else "", "an" if kind.__name__[0] in "AEIOU" else "a"
         raise ArgumentError(
             name, f"found {reprlib.repr(value)}; needs {article} {kind.__name__}{none}{hint}"
@@ -119,7 +119,7 @@ def check_load_names(names: Sequence[str]) -> None:
     """
     for index, name in enumerate(names):
         if name in names[:index]:
-            message = f"{name!r} names another load too; names must differ"
+            message = f"{name!r} is the name of another load, too; names must be distinct"
             raise ArgumentError(f"loads[{index}].name", message)
 
 
@@ -273,7 +273,9 @@ def check_body_names(object_name: str, supports: Sequence[str], links: Sequence[
     for number, name in enumerate((object_name, *supports)):
         if name in taken:
             argument = f"supports[{number - 1}].name" if number else "object.name"
-            raise ArgumentError(argument, f"{name!r} names another body too; names must differ")
+            raise ArgumentError(
+                argument, f"{name!r} is the name of another body, too; names must be distinct"
+            )
         taken.add(name)
 
 
@@ -298,7 +300,7 @@ def friction_by_name(
     for name in stated:
         if name not in known:
             words = names_in_words(name, known)
-            raise ArgumentError(f"friction['{name}']", f"names no body; {words}")
+            raise ArgumentError(f"friction['{name}']", f"is not the name of a body; {words}")
     return stated
 
 
@@ -315,7 +317,7 @@ def check_contact_body(argument: str, body: str, bodies: Sequence[str]) -> None:
     """
     if body not in bodies:
         words = names_in_words(body, bodies)
-        raise ArgumentError(argument, f"{body!r} is no hand link or support; {words}")
+        raise ArgumentError(argument, f"{body!r} is neither a hand link nor a support; {words}")
 
 
 def checked_scene(scene: object) -> SceneFields:

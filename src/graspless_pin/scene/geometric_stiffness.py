@@ -154,8 +154,8 @@ def refuse_flat_on_flat(
     if distance.max(initial=0.0) > np.sqrt(FLAT) * motion_length(problem):
         body = contacts_of(scene).bodies[int(np.argmax(distance))]
         raise SceneError(
-            f"{label_of(scene)}: one contact stands for a line or a face on {body!r}, about which "
-            "the object tips; use shapes that touch at its ends, or round ones"
+            f"{label_of(scene)}: one contact represents a line or a face on {body!r}, about which "
+            "the object tips; use shapes with contacts at its ends, or round shapes"
         )
 
 

@@ -50,7 +50,7 @@ def place_key(tree: Tree, defaults: Tree, key: str) -> Location:
     """
     parts = key.split(".")
     for name in IN_DEGREES.keys() & parts:
-        raise ArgumentError(key, f"name {IN_DEGREES[name]} instead: {_RADIANS}")
+        raise ArgumentError(key, f"use {IN_DEGREES[name]} instead, {_RADIANS}")
     location: Location = ()
     node: Any = tree
     while parts:
@@ -79,7 +79,7 @@ def _item_index(items: list[Any], name: str, key: str) -> int:
     if re.fullmatch("-?[0-9]+", name):
         if 0 <= int(name) < len(items):
             return int(name)
-        raise ArgumentError(key, f"has no item {name}; it has {len(items)}, counted from 0")
+        raise ArgumentError(key, f"has no item {name}; it has {len(items)} items, counted from 0")
     names = [
         str(item.get("name", item.get("prefix", ""))) if isinstance(item, dict) else ""
         for item in items
@@ -87,9 +87,9 @@ def _item_index(items: list[Any], name: str, key: str) -> int:
     if names.count(name) == 1:
         return names.index(name)
     known = [*filter(None, names)]
-    words = names_in_words(name, known) if known else "known: none, so give an index"
+    words = names_in_words(name, known) if known else "its items have no names: give an index"
     words = words if items else "it is empty"
-    raise ArgumentError(key, f"has no item called {name!r}; {words}")
+    raise ArgumentError(key, f"has no item named {name!r}; {words}")
 
 
 def _enter_part(node: Any, defaults: Tree, location: Location, key: str) -> Any:
@@ -174,7 +174,7 @@ def scene_with_keys(scene: AnyScene, values: Mapping[str, Any]) -> AnyScene:
         top_key = str(location[0])
         if top_key not in SceneEntry.model_fields or top_key in _NO_FIELD:
             known = [name for name in SceneEntry.model_fields if name not in _NO_FIELD]
-            raise ArgumentError(key, f"is no key of a scene; {names_in_words(top_key, known)}")
+            raise ArgumentError(key, f"is not a key of a scene; {names_in_words(top_key, known)}")
         tree = with_value_at(tree, location, plain(value))
         changed_keys.add(top_key)
         if value is not None:

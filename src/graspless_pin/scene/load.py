@@ -115,7 +115,7 @@ def build_scene(
         placed = [source.with_place(one) for one in refused]
         lines = [one if one.place else replace(one, place=source.where(())) for one in placed]
         if lines:
-            reason = "(an error, as the scene says 'warnings: error')"
+            reason = "(an error because of 'warnings: error' in the scene)"
             raise SceneError("\n".join(f"{one} {reason}" for one in lines))
     return scene
 
@@ -371,15 +371,15 @@ def _check_weight(file: YamlSource, entry: SceneEntry, target: ManipulatedObject
     if 0.0 < weight < SMALLEST_LOAD:
         raise file.error(
             ("gravity",),
-            f"is {list(entry.gravity)}, and the object weighs {weight:g} N; it must weigh nothing "
+            f"is {list(entry.gravity)}, so the object weighs {weight:g} N; its weight must be 0 "
             f"or at least {SMALLEST_LOAD:g} N",
         )
     heaviest = LARGEST_LOAD_OVER_LIMIT * entry.max_normal_force
     if weight > heaviest:
         raise file.error(
             ("max_normal_force",),
-            f"is {entry.max_normal_force:g} N, and the object weighs {weight:g} N; it may "
-            f"weigh at most {LARGEST_LOAD_OVER_LIMIT:g} times as much, {heaviest:g} N",
+            f"is {entry.max_normal_force:g} N, but the object weighs {weight:g} N; its weight may "
+            f"be at most {LARGEST_LOAD_OVER_LIMIT:g} times max_normal_force, {heaviest:g} N",
         )
 
 
@@ -417,7 +417,7 @@ def _build_motion(file: YamlSource, hand: Hand | None, entry: MotionEntry) -> Mo
     moved = None
     if entry.hand is not None:
         if hand is None:
-            raise file.error(("motion", "hand"), "the scene has no hand that could move")
+            raise file.error(("motion", "hand"), "requires a hand, and the scene has none")
         moved = HandMotion(twist_of(entry.hand.base_twist), dict(entry.hand.joint_velocities))
         with file.errors_at(("motion", "hand")):
             hand.point_velocities((), np.zeros((0, 3)), moved.joint_velocities, moved.base_twist)
@@ -437,7 +437,7 @@ def _build_acceleration(
         for argument in ("joint_velocities", "joint_accelerations"):
             named = getattr(entry, argument)
             if named and hand is None:
-                raise ArgumentError(argument, "the scene has no hand that could move")
+                raise ArgumentError(argument, "requires a hand, and the scene has none")
             if hand is not None:
                 independent_rates(hand.tree, named, argument)
         return Acceleration(**dict(entry))

@@ -267,12 +267,12 @@ def object_motion(scene: SceneFields) -> RigidMotion:
         return _frame_motion(acceleration, scene.object.center_of_mass_world)
     place, motions = place_of(scene, "acceleration"), hand_motion(scene)
     if motions is None or scene.hand is None:
-        raise SceneError(f"{place}: tells of joints, and the scene has no hand; leave these out")
+        raise SceneError(f"{place}: has joint motions, but the scene has no hand; leave them out")
     touching = contacts_of(scene).arrays
     links = dict.fromkeys(touching.bodies[: touching.hand_count])
     if not links:
         raise SceneError(
-            f"{place}: joints move, but no link touches the object, which moves with them; close "
+            f"{place}: joints move, but no link that could move the object touches it; close "
             "the fingers, or give 'of: object'"
         )
     first, *other_links = links
@@ -280,8 +280,8 @@ def object_motion(scene: SceneFields) -> RigidMotion:
     for link, motion in zip(other_links, carried[1:], strict=True):
         if not _is_same_motion(motion, carried[0]):
             raise SceneError(
-                f"{place}: links {first!r} and {link!r} touch the object and do not move as one; "
-                "name joints that carry both, such as an arm's"
+                f"{place}: links {first!r} and {link!r} touch the object but do not move as one "
+                "body; give joints that move both, such as those of an arm"
             )
     slides = touching.hand_count < len(touching) and scene.motion is None
     if slides and not np.allclose(
@@ -289,8 +289,8 @@ def object_motion(scene: SceneFields) -> RigidMotion:
     ):
         raise SceneError(
             f"{place}: the joints' velocities move the object, which touches "
-            f"{touching.bodies[touching.hand_count]!r}; declare how it slides with 'motion', or "
-            "give accelerations alone"
+            f"{touching.bodies[touching.hand_count]!r}; declare how it slides under 'motion', or "
+            "give accelerations only"
         )
     return carried[0]
 

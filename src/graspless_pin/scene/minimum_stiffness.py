@@ -327,7 +327,7 @@ def _analyses_by_model(
     rest = balance(problem, torque)
     if rest is None or not rest.is_rest:
         raise ArgumentError(
-            "torques", "do not hold the object in balance: no contact forces within friction do"
+            "torques", "cannot be balanced by contact forces inside the friction cones"
         )
     bearing = bearing_forces(problem, torque, rest.forces)
     motions = _linearized_by_model(scene, problem, armature, bearing[:, 0] > LEAST_LOAD)

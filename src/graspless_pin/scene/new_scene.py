@@ -140,7 +140,7 @@ def new_scene_text(
         force=f"{max(_LEAST_NORMAL_FORCE, float(f'{_FORCE_OVER_WEIGHT * weight:.1g}')):g}",
         robot=_yaml_block(robot_entry(robot, path_text), 2),
         base=_pose_lines(base, np.eye(3), 4),
-        stands="graspless-pin place finds one where the hand holds"
+        stands="graspless-pin place finds one from which the hand holds the object"
         if reaching_base is None
         else "the arm reaches the object from there",
         fingers=_finger_lines(robot, hand),
@@ -165,7 +165,7 @@ gravity: [0, 0, -9.81] # m/s^2, world axes
 friction: # coefficients at the object, both guessed: measure them or look them up
   hand: 0.8 # rubber on wood
   supports: 0.4 # wood on wood
-max_normal_force: {force} # N, the most that a contact bears
+max_normal_force: {force} # N, largest admissible normal force
 hand:
 {robot}
   base_pose: # of the root link in the world; {stands}
@@ -178,12 +178,12 @@ hand:
 {pose}
 supports:
   - name: {support}
-    shape: {{type: half_space}} # all below z = 0 of its frame
-{slope}    # velocity: {{linear: [0.05, 0, 0]}} # m/s: it moves, as a conveyor does
-# motion: {{object_twist: {{linear: [0.02, 0, 0]}}}} # m/s: a slow motion; else rest
+    shape: {{type: half_space}} # solid below z = 0 of its frame
+{slope}    # velocity: {{linear: [0.05, 0, 0]}} # m/s: a moving support, such as a conveyor
+# motion: {{object_twist: {{linear: [0.02, 0, 0]}}}} # m/s: a slow motion; else at rest
 {axes}solve: # algorithm: torque for the smallest torques, with margin: 0.1 (N)
-  algorithm: margin # the largest
-  node_limit: 1000 # of the search over virtual slidings: then the best found, and what bounds it
+  algorithm: margin # the largest margin
+  node_limit: 1000 # of the search over virtual slidings; then: the best answer, and a bound
 """
 
 
@@ -212,8 +212,9 @@ def _finger_lines(robot: RobotDescription, hand: Hand) -> str:
         return ""
     found = {name: {"joints": spec.joints, "tip": spec.tip} for name, spec in hand.fingers.items()}
     palms = flow_of(", ".join(hand.palms))
-    return f"  fingers: # the branches below {palms}: rename them, leave out what is none\n" + (
-        _yaml_block(found, 4) + "\n"
+    return (
+        f"  fingers: # the branches below {palms}: rename them, remove those that are no fingers\n"
+        + (_yaml_block(found, 4) + "\n")
     )
 
 
@@ -249,7 +250,7 @@ def _effort_lines(
         elif not is_placeholder(stated[name]):
             low, high = ranges[name]
             limit = f"{high:g}" if high == -low else f"[{low:g}, {high:g}]"
-            lines.append(f"    {flow_of(name)}: {limit} # the file's, of unknown origin\n")
+            lines.append(f"    {flow_of(name)}: {limit} # from the file, which gives no source\n")
         else:
             lines.append(f"    {flow_of(name)}: # fill in; {_stated_limit_text(stated[name])}\n")
             left_open.append(name)
@@ -262,9 +263,7 @@ def _effort_lines(
     if not lines:
         empty = "  # effort_limits: {} # N m, N: by joint or finger, instead of the robot's\n"
         return empty, (), kept
-    head = (
-        "  effort_limits: # N m (N for prismatic joints, tendons): the most that each motor gives"
-    )
+    head = "  effort_limits: # N m (N for prismatic joints, tendons): largest effort of each motor"
     return f"{head}\n{''.join(lines)}", tuple(left_open), kept
 
 
@@ -275,7 +274,7 @@ def _shape_lines(stated: dict[str, Any]) -> str:
     type: mesh
     path: {flow_of(stated["path"])}
     scale: {flow_of(plain(stated["scale"]))} # m per unit of the file
-    convex: {stated["convex"]} # hull, or decompose: into convex pieces, where hollows matter"""
+    convex: {stated["convex"]} # hull, or decompose: convex pieces, if concave parts matter"""
 
 
 def _mass_line(mass: float | None, density: float | None) -> str:
@@ -283,9 +282,7 @@ def _mass_line(mass: float | None, density: float | None) -> str:
         return f"mass: {mass:g} # kg"
     if density is not None:
         return f"density: {density:g} # kg/m^3; or give its mass (kg)"
-    return (
-        f"density: {_GUESSED_DENSITY:g} # kg/m^3, guessed: weigh it and give its mass (kg) instead"
-    )
+    return f"density: {_GUESSED_DENSITY:g} # kg/m^3, guessed: give the measured mass (kg) instead"
 
 
 def _slope_fields(angle: float) -> dict[str, str]:
@@ -294,6 +291,6 @@ def _slope_fields(angle: float) -> dict[str, str]:
         return {"slope": "", "axes": ""}
     turn, downhill = math.degrees(angle), _vector_text([math.cos(angle), 0.0, -math.sin(angle)], 7)
     return {
-        "slope": f"    pose: {{rpy_deg: [0, {_number_text(turn, 6)}, 0]}} # falls towards +x\n",
+        "slope": f"    pose: {{rpy_deg: [0, {_number_text(turn, 6)}, 0]}} # descends towards +x\n",
         "axes": f"tangent_axes: [{downhill}] # t1 points downhill, t2 across\n",
     }

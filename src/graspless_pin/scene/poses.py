@@ -126,7 +126,9 @@ def settle(scene: Scene) -> Scene:
     checked_scene(scene)
     if not scene.gravity.any():
         where = place_of(scene, "gravity")
-        raise SceneError(f"{where}: is zero, so that nothing falls; give it, or the object's pose")
+        raise SceneError(
+            f"{where}: is zero, so the object does not settle; give gravity, or the object's pose"
+        )
     moved = settle_object(scene.object, scene.supports, scene.gravity)
     return scene.with_changes(object=moved)
 
@@ -134,5 +136,5 @@ def settle(scene: Scene) -> Scene:
 def _hand_of(scene: Scene) -> Hand:
     checked_scene(scene)
     if scene.hand is None:
-        raise SceneError(f"{label_of(scene)}: the scene has no hand whose fingers could move")
+        raise SceneError(f"{label_of(scene)}: this requires a hand, and the scene has none")
     return scene.hand

@@ -286,8 +286,8 @@ def friction_at(scene: SceneFields, group: str, body: str) -> float:
         if key in scene.friction:
             return scene.friction[key]
     raise SceneError(
-        f"{label_of(scene)}: friction: has no coefficient for {body!r}; add it, {group!r} or "
-        "'default'"
+        f"{label_of(scene)}: friction: has no coefficient for {body!r}; add {body!r}, {group!r} "
+        "or 'default'"
     )
 
 
@@ -398,7 +398,7 @@ def _with_hybrid_fingers(
             raise StateError(
                 StateFault.AMBIGUOUS,
                 f"hybrid finger {finger!r} touches the object at several points; a hybrid finger "
-                "has exactly one contact: give the contacts, or control it by force",
+                "must have exactly one contact: give its contact, or use control: force for it",
             )
         names.append(name)
     units = (*joints.units, *(JointUnit.FORCE for _ in hybrid))

@@ -52,7 +52,7 @@ def write_scene_file(target: Path, make: Callable[[Path], str], *, overwrite: bo
     """
     truth_values(overwrite=overwrite)
     if target.suffix.lower() not in (".yaml", ".yml"):
-        raise SceneError(f"{target}: a scene file ends in .yaml or .yml; choose such a name")
+        raise SceneError(f"{target}: the name of a scene file must end in .yaml or .yml")
     if os.path.lexists(target) and not overwrite:
         raise SceneError(f"{target}: exists already; choose another name, or give overwrite=True")
     with _write_errors_for(target):
@@ -149,14 +149,14 @@ def _check_expressible(scene: SceneFields) -> None:
         if unknown_kinds:
             raise SceneError(
                 f"{label_of(scene)}: {key}: {body.name!r} has a shape of the kind "
-                f"{unknown_kinds[0]!r}, which no scene file has{inside}; "
+                f"{unknown_kinds[0]!r}, which scene files do not support{inside}; "
                 f"use one of {', '.join(SHAPES)}, or write an MJCF (scene_to_mjcf)"
             )
     for mount in () if scene.hand is None else scene.hand.mounts:
         if find_robot(mount.source).read is not None:
             raise SceneError(
-                f"{label_of(scene)}: hand: comes from no file; read the scene from the path of its "
-                "MJCF"
+                f"{label_of(scene)}: hand: was not read from a file; read the scene from the path "
+                "of its MJCF"
             )
 
 
@@ -345,8 +345,8 @@ def _reloaded(text: str, target: Path, scene: SceneFields, path_text: PathText) 
         place = ("hand",)
     if place is not None and place != ("name",):
         raise SceneError(
-            f"{target}: {key_text(place)}: no scene file leads to what this scene has there; if a "
-            "robot was changed in Python, write a robot file that says so, and mount that"
+            f"{target}: {key_text(place)}: a scene file cannot express the value of this scene; if "
+            "a robot was changed in Python, write a robot file with the change, and mount that"
         )
     return loaded
 

@@ -131,7 +131,8 @@ class Scene(SceneFields):
             )
         lines += _first_lines_of_kind(
             [
-                f"support   {one.name}: {_shape_text(one.shape)}{', moves' * one.is_moving}"
+                f"support   {one.name}: {_shape_text(one.shape)}"
+                + (", moves" if one.is_moving else "")
                 for one in self.supports
             ]
         )

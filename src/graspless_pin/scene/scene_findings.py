@@ -126,9 +126,9 @@ def _serious_overlap_findings(overlaps: Iterable[Overlap]) -> Iterator[Finding]:
             FindingCode.HAND_THROUGH_SUPPORT if on_support else FindingCode.HAND_THROUGH_ITSELF,
             deepest.link,
             words,
-            "move the hand (base_pose, q): it cannot stand there"
+            "move the hand (base_pose, q): this position is impossible"
             if on_support
-            else "change q; if only collision shapes are too wide, disable their pairs in an SRDF",
+            else "change q; if collision shapes are too large, disable their pairs in an SRDF",
             ("hand",),
         )
 
@@ -195,12 +195,16 @@ def unused_figures(options: Mapping[str, Any], stated: StatedFields | None) -> I
     for key, value in options.items():
         users = other_algorithms_with(key, algorithm)
         if users and value is not None and value != SolveEntry.model_fields[key].default:
-            note = "; graspless-pin place and planning use it as it is" if key == "margin" else ""
+            note = (
+                "; graspless-pin place and planning use it with every algorithm"
+                if key == "margin"
+                else ""
+            )
             finding = Finding(
                 FindingCode.UNUSED_OPTION,
                 key,
-                f"{key} is {value}, and the scene's algorithm, {algorithm!r}, does not use it",
-                f"write algorithm: {' or '.join(users)} to have it used, or leave it out{note}",
+                f"{key} is {value}, which has no effect with the scene's algorithm, {algorithm!r}",
+                f"write algorithm: {' or '.join(users)}, or leave {key} out{note}",
                 ("solve", key),
             )
             yield finding if stated is None else stated.with_place(finding)
@@ -239,7 +243,7 @@ def _all_figure_findings(scene: SceneFields) -> Iterator[Finding]:
             FindingCode.UNLIKELY_GRAVITY,
             "gravity",
             f"gravity points up: {scene.gravity.tolist()} m/s^2",
-            f"where z of the world points up, it is [0, 0, {-gravity:g}]",
+            f"if z of the world points up, write [0, 0, {-gravity:g}]",
             ("gravity",),
         )
     stated = [(("friction", name), name, value) for name, value in scene.friction.items()]
@@ -267,7 +271,7 @@ def _all_figure_findings(scene: SceneFields) -> Iterator[Finding]:
             FindingCode.PLACEHOLDER_FORCE,
             target.name,
             f"the largest normal force, {scene.max_normal_force:g} N, looks like a placeholder",
-            "give the force that the bodies bear: the margin counts the room up to it",
+            "give the largest admissible normal force: the margin includes the distance to it",
             ("max_normal_force",),
         )
 
@@ -355,9 +359,9 @@ def _gravcomp_findings(hand: Hand) -> Iterator[Finding]:
         yield Finding(
             FindingCode.LEFT_OUT_OF_MJCF,
             ", ".join(names),
-            f"the MJCF has gravcomp for {first_of([*map(repr, names)], 3)}, and joints bear the "
-            "weight of all links here",
-            "where the robot's controller adds these torques by itself, write "
+            f"the MJCF has gravcomp for {first_of([*map(repr, names)], 3)}, but here joints carry "
+            "the weight of all links",
+            "if the robot's controller compensates the weight by itself, write "
             "count_own_weight: false, which leaves out the weight of all links",
             ("hand", "count_own_weight"),
         )
@@ -374,8 +378,8 @@ def _overlap_findings(scene: SceneFields, hand: Hand) -> Iterator[Finding]:
             FindingCode.DEEP_OVERLAP,
             deepest.link,
             words,
-            "move them apart (base_pose, q); nothing pushes back between them, and more than "
-            f"max_penetration ({in_mm(max_depth)}) is serious",
+            "move them apart (base_pose, q): no contact force acts between them; overlaps of more "
+            f"than max_penetration ({in_mm(max_depth)}) are a serious finding",
             ("hand",),
         )
 
@@ -427,7 +431,7 @@ def _with_nearest_link(scene: SceneFields, finding: Finding) -> Finding:
         ("hand", "base_pose"): ("the hand's base", hand.T_world_base[:3, 3]),
     }
     key, (what, at) = max(origins.items(), key=lambda item: float(np.linalg.norm(item[1][1])))
-    stands = f"{what} stands at {np.round(at, 6).tolist()} m"
+    stands = f"{what} is at {np.round(at, 6).tolist()} m"
     longest = np.full(3, LARGEST_OBJECT)
     return replace(
         nearest, advice=f"give lengths in metres; {stands}{likely_lengths(at, longest)}", key=key

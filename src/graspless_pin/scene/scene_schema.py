@@ -58,47 +58,51 @@ class ContactEntry(Entry):
     """A given contact: what touches the object (a hand link or support), where, and the normal."""
 
     body: Name = Field(description="the hand's link or the support that touches the object")
-    position: Vector = Field(description="[m] of the point, in the world")
-    normal: Direction = Field(description="[1] into the object, world axes; any length")
+    position: Vector = Field(description="[m] position of the contact in the world")
+    normal: Direction = Field(
+        description="[1] normal that points into the object, world axes; of any length"
+    )
 
 
 class HandMotionEntry(Entry):
     """The hand's own motion; without it, its contacts follow the object and stick."""
 
-    base_twist: TwistEntry = Field(default=TwistEntry(), description="of the hand's base")
+    base_twist: TwistEntry = Field(default=TwistEntry(), description="twist of the hand's base")
     joint_velocities: ByName[Finite] = Field(
-        default={}, description="[rad/s, m/s] by joint name, those left out stand still"
+        default={}, description="[rad/s, m/s] velocities by joint name; other joints do not move"
     )
 
 
 class MotionEntry(Entry):
     """The declared motion: the object's twist about its centre of mass, and the hand's own."""
 
-    object_twist: TwistEntry = Field(description="of the object, about its centre of mass")
+    object_twist: TwistEntry = Field(description="twist of the object about its centre of mass")
     hand: HandMotionEntry | None = Field(
-        default=None, description="of the hand; default: its contacts go with the object and stick"
+        default=None,
+        description="motion of the hand; default: its contacts move with the object and stick",
     )
 
 
 class LoadEntry(Entry):
     """Something that bears on the object: a force and moment, a payload, a field."""
 
-    name: Name = Field(description="unique among the loads")
-    force: Vector = Field(default=(0.0, 0.0, 0.0), description="[N] on the point")
-    moment: Vector = Field(default=(0.0, 0.0, 0.0), description="[N m] on the object")
+    name: Name = Field(description="name, unique among the loads")
+    force: Vector = Field(default=(0.0, 0.0, 0.0), description="[N] force at the point")
+    moment: Vector = Field(default=(0.0, 0.0, 0.0), description="[N m] moment on the object")
     mass: NotNegative = Field(
-        default=0.0, description="[kg] of a payload at the point, in weight and inertia"
+        default=0.0, description="[kg] mass of a payload at the point; it adds weight and inertia"
     )
     field: Vector = Field(
         default=(0.0, 0.0, 0.0),
-        description="[m/s^2] on the mass of object and payloads, beside gravity, world axes",
+        description="[m/s^2] acceleration of a field that acts on the mass of object and payloads "
+        "in addition to gravity, world axes",
     )
     at: Vector | None = Field(
         default=None,
-        description="[m] the point, in the object's frame; default: its centre of mass",
+        description="[m] the point in the object's frame; default: the object's centre of mass",
     )
     axes: Literal["world", "object"] = Field(
-        default="world", description="of force and moment; object: they turn with it"
+        default="world", description="axes of force and moment; object: they turn with the object"
     )
 
     @model_validator(mode="after")
@@ -111,23 +115,30 @@ class LoadEntry(Entry):
 class AccelerationEntry(Entry):
     """How object and hand accelerate: the moment at which an arm starts, turns or stops."""
 
-    linear: Vector = Field(default=(0.0, 0.0, 0.0), description="[m/s^2] of the point, world axes")
-    angular: Vector = Field(default=(0.0, 0.0, 0.0), description="[rad/s^2] world axes")
-    angular_velocity: Vector = Field(default=(0.0, 0.0, 0.0), description="[rad/s] world axes")
+    linear: Vector = Field(
+        default=(0.0, 0.0, 0.0), description="[m/s^2] linear acceleration of the point, world axes"
+    )
+    angular: Vector = Field(
+        default=(0.0, 0.0, 0.0), description="[rad/s^2] angular acceleration, world axes"
+    )
+    angular_velocity: Vector = Field(
+        default=(0.0, 0.0, 0.0), description="[rad/s] angular velocity, world axes"
+    )
     at: Vector | None = Field(
         default=None,
-        description="[m] the point, in the world; default: the object's centre of mass",
+        description="[m] the point in the world; default: the object's centre of mass",
     )
     joint_velocities: ByName[Finite] = Field(
-        default={}, description="[rad/s, m/s] by joint name; the object goes with the links"
+        default={},
+        description="[rad/s, m/s] velocities by joint name; the object moves with the links",
     )
     joint_accelerations: ByName[Finite] = Field(
-        default={}, description="[rad/s^2, m/s^2] by joint name"
+        default={}, description="[rad/s^2, m/s^2] accelerations by joint name"
     )
     of: Literal["base", "object"] = Field(
         default="base",
-        description="base: of the hand's base, with hand, object and supports as one; object: of "
-        "the object alone",
+        description="what accelerates; base: the hand's base, with hand, object and supports as "
+        "one body; object: the object alone",
     )
 
     @model_validator(mode="after")
@@ -169,38 +180,46 @@ class SolveEntry(Entry):
     margin: NotNegative = Field(default=0.1, description="[N] required margin e_0 of Algorithm 2")
     scale: Literal["absolute", "limits"] = Field(
         default="absolute",
-        description="of Algorithm 2: the least torque, or the least share of the limits",
+        description="objective of Algorithm 2: the largest torque, or the largest share of the "
+        "effort limits",
     )
     sign_rule: Literal["strict", "exact", "nonzero", "direction"] = Field(
-        default="strict", description="what counts as a virtual sliding of a selected contact"
+        default="strict", description="which virtual slidings of a selected contact count"
     )
     sliding_rule: Literal["exempt", "constrained"] = Field(
-        default="exempt", description="whether contacts that really slide limit virtual motions"
+        default="exempt",
+        description="whether contacts that slide in the declared motion constrain virtual motions",
     )
     static_friction: Literal["virtual_sliding", "coulomb"] = Field(
         default="virtual_sliding",
-        description="coulomb: any force inside the cones is admitted, without a virtual sliding",
+        description="coulomb: all forces inside the cones are admissible; no virtual sliding",
     )
     solver: Name = Field(default="auto", description="auto, or the name of an installed solver")
     regularization: Regularization = Field(
         default=0.0,
-        description="[1] weight of the sum of squared forces, which makes them small and even",
+        description="[1] weight of the sum of squared forces, which makes forces small and evenly "
+        "distributed",
     )
     search: Literal["auto", "enumerate"] = Field(
-        default="auto", description="enumerate: list all modes rather than search among them"
+        default="auto",
+        description="enumerate: solve every mode instead of a branch-and-bound search",
     )
     node_limit: NodeLimit | None = Field(
-        default=None, description="most nodes of the search; default: no limit"
+        default=None, description="node limit of the search; default: no limit"
     )
-    time_limit: NotNegative | None = Field(default=None, description="[s] default: no limit")
+    time_limit: NotNegative | None = Field(
+        default=None, description="[s] time limit; default: no limit"
+    )
     direction_gap: Positive = Field(
-        default=1e-4, ge=1e-6, description="[1] relative gap of sign_rule: direction"
+        default=1e-4,
+        ge=1e-6,
+        description="[1] relative gap at which the search of sign_rule: direction ends",
     )
     stability: Literal["weak", "strong"] = Field(
         default="weak", description="strong: torques under which rest is the only outcome"
     )
     verdict_nodes: NodeLimit = Field(
-        default=NODE_LIMIT, description="sets of outcomes that each verdict may look at"
+        default=NODE_LIMIT, description="node limit (sets of outcomes) of each verdict"
     )
 
 
@@ -212,13 +231,15 @@ class ControllerEntry(Entry):
 
     stiffness: FeedbackName | NotNegative | ByName[NotNegative] = Field(
         default="any",
-        description="[N m/rad] of all joints, or by joint (N/m where it slides), finger or "
-        "'default', these over (0.1 m)^2 where joints slide; torque: constant torques; position: "
-        "joints stand still; any: verdicts tell the least that is needed",
+        description="[N m/rad] stiffness of all joints, or by joint (N/m if prismatic), finger or "
+        "'default'; the latter two are divided by (0.1 m)^2 for prismatic joints; "
+        "torque: constant torques; position: joints keep their positions; any: "
+        "verdicts tell the smallest stiffness that is needed",
     )
     damping: NotNegative | ByName[NotNegative] = Field(
         default=DAMPING,
-        description="[N m s/rad] likewise, of joints and motors themselves, too",
+        description="[N m s/rad] damping, given like the stiffness, including that of joints and "
+        "motors themselves",
     )
 
 
@@ -234,56 +255,69 @@ class UncertaintyEntry(Entry):
     """
 
     mass: Share = Field(
-        default=0.0, description="[1] the object's may be smaller or larger by this share"
+        default=0.0, description="[1] share by which the object's mass may be smaller or larger"
     )
     mass_offset: NotNegative = Field(
-        default=0.0, description="[kg] by which it may be smaller or larger, beside that share"
+        default=0.0,
+        description="[kg] by which the object's mass may be smaller or larger, in addition to that "
+        "share",
     )
     center_of_mass: Widths = Field(
-        default=0.0, description="[m] how far it may be off along each axis of the object"
+        default=0.0,
+        description="[m] how far the centre of mass may be off along each axis of the object",
     )
     tilt: NotNegative = Field(
-        default=0.0, description="[rad] how far gravity may be off, to all sides; below pi/4"
+        default=0.0,
+        description="[rad] how far the direction of gravity may be off, to all sides; below pi/4",
     )
     force: Widths = Field(
         default=0.0,
-        description="[N] that may push at the centre of mass along each world axis, either way",
+        description="[N] force that may act at the centre of mass along each world axis, in both "
+        "directions",
     )
-    moment: Widths = Field(default=0.0, description="[N m] about each world axis, either way")
+    moment: Widths = Field(
+        default=0.0,
+        description="[N m] moment that may act about each world axis, in both directions",
+    )
     center_of_mass_radius: NotNegative = Field(
-        default=0.0, description="[m] how far it may be off in any direction, beside that"
+        default=0.0,
+        description="[m] how far the centre of mass may be off in any direction, in addition to "
+        "center_of_mass",
     )
     force_radius: NotNegative = Field(
-        default=0.0, description="[N] at the centre of mass in any direction, beside force"
+        default=0.0,
+        description="[N] force that may act at the centre of mass in any direction, in addition to "
+        "force",
     )
     moment_radius: NotNegative = Field(
-        default=0.0, description="[N m] about any axis, beside moment"
+        default=0.0, description="[N m] moment that may act about any axis, in addition to moment"
     )
     contact_position: Figures = Field(
         default=0.0,
-        description="[m] how far contacts may be off within their tangent planes: all, or by hand "
-        "link, support, 'hand', 'supports', 'default'; such members are sampled",
+        description="[m] how far contacts may be off within their tangent planes: one number, or "
+        "by hand link, support, 'hand', 'supports', 'default'; these deviations are "
+        "sampled",
     )
     friction: Share | ByName[Share | ByName[Share]] = Field(
         default=0.0,
-        description="[1] coefficients may be smaller or larger by this share: all, or by hand "
-        "link, support, material, pair of materials, e.g. {rubber: {steel: 0.1}}, 'hand', "
-        "'supports', 'default'; of others nothing is off",
+        description="[1] share by which coefficients of friction may be smaller or larger: one "
+        "number, or by hand link, support, material, pair of materials, e.g. {rubber: "
+        "{steel: 0.1}}, 'hand', 'supports', 'default'; other coefficients are exact",
     )
     torque: Shares = Field(
         default=0.0,
-        description="[1] joints may make less or more torque than commanded by this share: all, or "
-        "by joint, finger or 'default'",
+        description="[1] share by which joint torques may be smaller or larger than commanded: one "
+        "number, or by joint, finger or 'default'",
     )
     torque_offset: Figures = Field(
         default=0.0,
-        description="[N m] (N where it slides) that may be added to each joint's torque, either "
-        "way: all, or by joint, finger or 'default'",
+        description="[N m] (N if prismatic) by which each joint's torque may be smaller or larger: "
+        "one number, or by joint, finger or 'default'",
     )
     effort: Shares = Field(
         default=0.0,
-        description="[1] share of their limits that motors may lack: all, or by joint, finger or "
-        "'default'",
+        description="[1] share by which effort limits may be smaller: one number, or by joint, "
+        "finger or 'default'",
     )
 
     @model_validator(mode="before")
@@ -300,19 +334,25 @@ class UncertaintyEntry(Entry):
 class SceneEntry(Entry):
     """A whole scene."""
 
-    name: Name = Field(default="", description="title of what is printed")
-    description: Description = Field(default="", description="for whoever reads the file or report")
-    gravity: Vector = Field(default=(0.0, 0.0, -9.81), description="[m/s^2] world axes")
+    name: Name = Field(default="", description="title of printed results")
+    description: Description = Field(
+        default="", description="text for readers of the file and the report"
+    )
+    gravity: Vector = Field(default=(0.0, 0.0, -9.81), description="[m/s^2] gravity, world axes")
     hand: HandEntry | None = Field(
         default=None, description="the hand; default: supports alone hold the object"
     )
-    object: ObjectEntry = Field(description="what is manipulated")
-    supports: Few[SupportEntry] = Field(default=[], description="what the object may lean on")
+    object: ObjectEntry = Field(description="the manipulated object")
+    supports: Few[SupportEntry] = Field(
+        default=[], description="bodies that the object may touch besides the hand"
+    )
     friction: Friction | ByName[Friction] = Field(
-        description="[1] one coefficient, or by hand link, support, 'hand', 'supports', 'default'"
+        description="[1] one coefficient of friction, or by hand link, support, 'hand', "
+        "'supports', 'default'"
     )
     materials: Annotated[dict[Name, ByName[Friction]], Field(max_length=1000)] = Field(
-        default={}, description="[1] coefficient per pair of materials, e.g. {rubber: {steel: 0.6}}"
+        default={},
+        description="[1] coefficient of friction by pair of materials: {rubber: {steel: 0.6}}",
     )
     contacts: Many[ContactEntry] | None = Field(
         default=None, description="given contacts; without this key they are found from the shapes"
@@ -320,45 +360,50 @@ class SceneEntry(Entry):
     motion: MotionEntry | None = Field(
         default=None, description="the declared slow motion; default: everything is at rest"
     )
-    loads: Few[LoadEntry] = Field(default=[], description="what bears on the object beside gravity")
+    loads: Few[LoadEntry] = Field(
+        default=[], description="loads on the object in addition to gravity"
+    )
     acceleration: AccelerationEntry | None = Field(
-        default=None, description="of object and hand, for inertial forces; default: none"
+        default=None,
+        description="acceleration of object and hand, for inertial forces; default: none",
     )
     max_normal_force: Positive = Field(
-        default=50.0, description="[N] largest normal force that a contact bears"
+        default=50.0, description="[N] largest admissible normal force of a contact"
     )
     cone_edges: ConeEdges = Field(
-        default=32, description="edges of the pyramid that stands for each friction cone"
+        default=32,
+        description="number of edges of the pyramid that approximates each friction cone",
     )
     cone: ConeName = Field(
         default="edges",
         description="; ".join(f"{name}: {model.about}" for name, model in CONE_MODELS.items()),
     )
     contact_tolerance: Length = Field(
-        default=1e-3, description="[m] largest gap at which two bodies touch"
+        default=1e-3, description="[m] largest gap that counts as contact"
     )
     max_penetration: Length = Field(
         default=5e-3, description="[m] deepest overlap that counts as contact"
     )
     points_per_patch: PatchPoints = Field(
-        default=8, description="most contacts that stand for one face on a face"
+        default=8, description="largest number of contact points for a face on a face"
     )
     tangent_axes: Few[Direction] = Field(
         default=[],
-        description="[1] t1 is the projection of the first of these that is not along the normal",
+        description="[1] t1 is the projection of the first of these axes that is not parallel to "
+        "the normal",
     )
     warnings: Literal["show", "error"] = Field(
-        default="show", description="error: what is wrong with the scene is refused"
+        default="show", description="error: findings on the scene are errors"
     )
     controller: FeedbackName | NotNegative | ControllerEntry = Field(
         default="any",
-        description="[N m/rad] what runs on the robot's joints beside the torques: the stiffness "
-        "of all joints, gains, or a word as for the stiffness",
+        description="[N m/rad] position feedback at the joints that adds to the torques: the "
+        "stiffness of all joints, gains, or a word as for the stiffness",
     )
     uncertainty: UncertaintyEntry | None = Field(
-        default=None, description="what is not known exactly; default: nothing, the nominal scene"
+        default=None, description="what is not known exactly; default: everything is known"
     )
-    solve: SolveEntry = Field(default=SolveEntry(), description="what is asked, and how")
+    solve: SolveEntry = Field(default=SolveEntry(), description="algorithm and options of `solve`")
 
 
 PLAIN_FIGURES = (

@@ -185,13 +185,15 @@ def no_verdict_reason(scene: SceneFields) -> str:
         return why
     if scene.controller.holds_joints:
         hybrid = () if scene.hand is None else scene.hand.control.hybrid_fingers
-        reason = f"undecided: joints hold their positions, but {', '.join(hybrid)} follows"
+        reason = (
+            f"undecided: joints keep their positions, but hybrid finger {', '.join(hybrid)} moves"
+        )
         return reason if hybrid else ""
     touching = hand_support_contacts(scene)
     if not touching:
         return ""
     pairs = ", ".join(f"{link} on {support}" for link, support in touching)
-    return f"undecided: the hand touches supports ({pairs}); what they do to its torques is unknown"
+    return f"undecided: the hand touches supports ({pairs}), whose effect on its torques is unknown"
 
 
 def _moving_links(hand: Hand) -> set[str]:
@@ -247,7 +249,7 @@ class MemberVerdicts(Brief):
 
     def __str__(self) -> str:
         """Return a table of the numbers of corners by verdict, and the text of the worst one."""
-        unasked = f"{self.left_out} corners were not asked about\n" if self.left_out else ""
+        unasked = f"{self.left_out} corners have no verdict\n" if self.left_out else ""
         if not self.verdicts:
             return unasked.rstrip()
         holdings = [one.holding for one in self.verdicts]
@@ -257,7 +259,7 @@ class MemberVerdicts(Brief):
             if one in holdings
         ]
         return (
-            f"{tabulate(rows, ('holding', 'corners', 'the first of them'))}\n\n"
+            f"{tabulate(rows, ('holding', 'corners', 'first of them'))}\n\n"
             f"{self.members[self.worst].words}: {self.verdicts[self.worst]}\n{unasked}"
             "between the corners nothing is proven about rest"
         )
@@ -290,12 +292,12 @@ def verdicts_of_members(
     if not isinstance(robust, RobustSolution) or not robust.found:
         fault = "has no torques" if isinstance(robust, RobustSolution) else f"is {robust!r:.80}"
         raise ArgumentError(
-            "robust", f"{fault}; give what scene.solve(..., uncertainty=...) has found"
+            "robust", f"{fault}; give a result of scene.solve(..., uncertainty=...) with torques"
         )
     first = robust.members[0].problem
     if first.joint_names != problem.joint_names or first.contact_count != problem.contact_count:
         raise ArgumentError(
-            "robust", "is of another scene: joints or contacts differ; solve this one"
+            "robust", "is a solution of another scene: joints or contacts differ; solve this scene"
         )
     scene, limits = under_feedback(scene, robust.feedback), Limits.from_now(None, time_limit)
     members = tuple([member for member in robust.members if member.moved is None])

@@ -171,7 +171,8 @@ class Acceleration(Brief, PickledByFields):
         )
         if self.of is Accelerated.OBJECT and (joint_velocities or joint_accelerations):
             raise ArgumentError(
-                "acceleration.of", "is 'object', and joints are told; leave them out or say 'base'"
+                "acceleration.of",
+                "is 'object', which is not supported together with joint motions; give 'base'",
             )
 
     def __str__(self) -> str:

@@ -89,8 +89,8 @@ def solve_uncertain(
     if any(figures_in(uncertainty.contact_position)):
         raise ArgumentError(
             "contact_position",
-            "is sampled, and stability='strong' proves rest at vertices of the set only; leave "
-            "out one of the two",
+            "is sampled, but stability='strong' proves rest at corners of the set only; leave "
+            "out one of them",
         )
     return _strong_torques(scene, objective, options, solve_set)
 
@@ -271,8 +271,8 @@ def required_uncertainty(scene: SceneFields) -> Uncertainty:
     if scene.uncertainty is None:
         raise ArgumentError(
             "uncertainty",
-            f"is True, and {label_of(scene)} says nothing of what is not known exactly; give an "
-            "Uncertainty, or the file the key 'uncertainty'",
+            f"is True, but {label_of(scene)} has no uncertainty; give an Uncertainty, or the "
+            "key 'uncertainty' in the scene file",
         )
     return scene.uncertainty
 
@@ -313,14 +313,14 @@ def check_offsets(scene: SceneFields, uncertainty: Uncertainty) -> None:
     if farthest > size.max():
         raise ArgumentError(
             "uncertainty",
-            f"contact_position may be off by {farthest:g} m, and object {scene.object.name!r} is "
+            f"contact_position may be off by {farthest:g} m, but object {scene.object.name!r} is "
             f"{size.max():.4g} m large; give metres",
         )
     if (offset > size).any():
         axis = int(np.argmax(offset / size))
         raise ArgumentError(
             "uncertainty",
-            f"center_of_mass may be off by {offset[axis]:g} m along {'xyz'[axis]}, and object "
+            f"center_of_mass may be off by {offset[axis]:g} m along {'xyz'[axis]}, but object "
             f"{scene.object.name!r} is {size[axis]:.4g} m large there; give metres"
             f"{likely_lengths(offset, size)}",
         )
@@ -340,7 +340,7 @@ def weight_of(scene: SceneFields, joint_count: int) -> Weight:
     motion = object_motion(scene)
     if motion.velocity[3:].any() or motion.acceleration[3:].any():
         raise ArgumentError(
-            "scene", "turns as it moves: what is not known of a mass counts where nothing turns"
+            "scene", "has an object that turns: uncertain mass properties require one that does not"
         )
     fields = sum((load.field for load in scene.loads), np.zeros(3))
     steady = target.mass * (fields - motion.acceleration[:3])

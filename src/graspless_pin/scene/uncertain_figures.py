@@ -87,8 +87,8 @@ def unused_surfaces(scene: SceneFields) -> Iterator[Finding]:
             yield Finding(
                 FindingCode.UNUSED_OPTION,
                 key,
-                f"{key} has figures for {names}, of which there is no contact",
-                f"name bodies that touch the object ({bodies}) or their materials, or leave it out",
+                f"{key} has values for {names}, which have no contact",
+                f"give names of bodies that touch the object ({bodies}) or of their materials",
                 ("uncertainty", key),
             )
 

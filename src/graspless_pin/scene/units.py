@@ -164,7 +164,7 @@ def si_advice(text: str, location: Location) -> str:
         unit = f" {unit_text}" if unit_text else ""
         return f"; write {value * 1000.0:.12g}{unit} or {value:.12g}{unit}, without the comma"
     if location == ("gravity",) and unit_text is None:
-        return f"; with z upward write [0, 0, {0.0 - abs(value):.12g}]"
+        return f"; if z points up, write [0, 0, {0.0 - abs(value):.12g}]"
     if unit_text is None:  # with a decimal point it is a number
         return f"; write {value:.12g}" if "," in figure[1] else ""
     name = re.sub(r"[\s*·]", "", unit_text).replace("µ", "u").replace("²", "2").replace("³", "3")
@@ -174,7 +174,7 @@ def si_advice(text: str, location: Location) -> str:
     offset = offset_key(location, unit)
     if offset is not None and unit is not None:
         si = SI_UNITS[unit.kind].name
-        return f"; in {si} write {offset}: {value * unit.factor:.12g} in its place"
+        return f"; in {si}, write {offset}: {value * unit.factor:.12g} instead"
     kinds = kinds_of(location)
     in_degrees = any(str(part).endswith("_deg") for part in location)
     if in_degrees:
@@ -182,7 +182,7 @@ def si_advice(text: str, location: Location) -> str:
     wanted = " or ".join("deg" if in_degrees else SI_UNITS[kind].name for kind in kinds if kind)
     if unit is None or (unit.kind not in kinds and kinds != (ANY,)):
         expected = wanted and f" ({wanted})"
-        return f"; figures stand alone, without {unit_text!r}: units are SI{expected}"
+        return f"; give the number without {unit_text!r}: units are SI{expected}"
     value *= unit.factor * (180.0 / np.pi if in_degrees else 1.0)
     si = "deg" if in_degrees else unit.kind and SI_UNITS[unit.kind].name
     named = f" ({si})" if si and si != name else ""

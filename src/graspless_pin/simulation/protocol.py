@@ -205,7 +205,8 @@ _STOP_FACTOR = 10.0  # a run ends at this multiple of `MOVED`
 _RESTING_SHARE = 0.1
 """Relative to `HELD`: an object that moves less in the last quarter of the time is at rest."""
 _STEPS_PER_LOOK = 20  # time steps between two observations of the object
-_LOOK_TIME = _STEPS_PER_LOOK * TIME_STEP  # s
+LOOK_TIME = _STEPS_PER_LOOK * TIME_STEP
+"""Time between two observations, s."""
 _LOOKS_OF_FORCES = 20
 _LONGEST_RUN = 600.0  # s
 
@@ -406,7 +407,7 @@ def checked_figures(friction_factor: float, seconds: float) -> tuple[float, floa
         GrasplessPinError: If MuJoCo is not installed.
     """
     factor = real_number("friction_factor", friction_factor, 0.0)
-    span = real_number("seconds", seconds, _LOOK_TIME)
+    span = real_number("seconds", seconds, LOOK_TIME)
     if span > _LONGEST_RUN:
         raise ArgumentError("seconds", f"is {span:g}; it must be at most {_LONGEST_RUN:g}")
     load_mujoco()
@@ -432,9 +433,9 @@ def _simulated_run(
     forces: deque[Mapping[str, float]] = deque([world.normal_forces()], _LOOKS_OF_FORCES)
     touched_first = forces[0].keys()
     moved_after = None
-    for look in range(1, round(seconds / _LOOK_TIME) + 1):
+    for look in range(1, round(seconds / LOOK_TIME) + 1):
         world.step(_STEPS_PER_LOOK)
-        times.append(look * _LOOK_TIME)
+        times.append(look * LOOK_TIME)
         poses.append(world.object_pose())
         moves.append(world.joint_moves())
         changes.append(change_of_pose(manipulated, poses[-1]))

@@ -5,8 +5,11 @@ from __future__ import annotations
 import os
 import shutil
 import subprocess
+from contextlib import suppress
 from importlib.util import find_spec
 from pathlib import Path
+from tempfile import TemporaryFile
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -17,14 +20,13 @@ from graspless_pin.errors import GrasplessPinError, SceneError
 from graspless_pin.findings import Finding, FindingCode, emit
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.simulation.mjcf import OBJECT
-from graspless_pin.simulation.protocol import Simulation, load_mujoco
+from graspless_pin.simulation.protocol import LOOK_TIME, Simulation, load_mujoco
 
 _SIZE = 480, 640  # rows, columns
 _FRAMES = 50  # a second, of simulated time; played at half the speed
 _PLAYED = 25
-_SLOWEST = 300.0  # s
+_TIME_LIMIT = 300.0  # s
 _CAMERA_DISTANCE = 5.0  # radii of the object between it and the camera
-_LOOKS_PER_SECOND = 100
 
 
 def write_video(simulation: Simulation, path: Path) -> bool:
@@ -47,15 +49,18 @@ def write_video(simulation: Simulation, path: Path) -> bool:
     if encoder is None:
         return _no_video("no encoder was found (the program ffmpeg or the package imageio-ffmpeg)")
     run = simulation.runs[0]
-    poses = run.T_world_object[:: _LOOKS_PER_SECOND // _FRAMES]
+    every = round(1.0 / (_FRAMES * LOOK_TIME))
+    poses = run.T_world_object[::every]
     turns = Rotation.from_matrix(poses[:, :3, :3]).as_quat(scalar_first=True)
-    moves = run.joint_moves[:: _LOOKS_PER_SECOND // _FRAMES]
+    moves = run.joint_moves[::every]
     states = np.hstack([moves, poses[:, :3, 3], turns])
     variables = {} if "DISPLAY" in os.environ else {"MUJOCO_GL": "egl"}
     try:
         with draft_of(path) as draft, ChildProcess(environment=variables) as child:
             # Rendering needs the machine's graphics library, which may crash the process.
-            child.call(_render, simulation.model.xml, states, encoder, str(draft), limit=_SLOWEST)
+            child.call(
+                _render, simulation.model.xml, states, encoder, str(draft), limit=_TIME_LIMIT
+            )
     except OSError as error:
         raise SceneError(f"{path}: cannot be written ({error.strerror})") from error
     except Exception as error:  # of any graphics library
@@ -97,15 +102,19 @@ def _render(xml: str, states: FloatArray, encoder: str, path: str) -> None:
         "-video_size", f"{columns}x{rows}", "-framerate", str(_PLAYED), "-i", "-",
         "-pix_fmt", "yuv420p", "-f", "mp4", path,
     ]  # fmt: skip
-    with mujoco.Renderer(model, rows, columns) as renderer:
-        frames = []
-        for state in states:
-            data.qpos[:] = state
-            mujoco.mj_forward(model, data)
-            renderer.update_scene(data, camera)
-            frames.append(renderer.render().tobytes())
-    done = subprocess.run(  # noqa: S603 - the encoder that was found
-        command, input=b"".join(frames), capture_output=True, check=False
-    )
-    if done.returncode:
-        raise GrasplessPinError(f"{encoder}: {done.stderr.decode(errors='replace')[-200:]}")
+    with mujoco.Renderer(model, rows, columns) as renderer, TemporaryFile() as log:
+        with (
+            suppress(BrokenPipeError),  # an encoder that ended: its exit code and its log say why
+            subprocess.Popen(command, stdin=subprocess.PIPE, stdout=log, stderr=log) as process,  # noqa: S603
+        ):
+            pipe: Any = process.stdin
+            for state in states:
+                data.qpos[:] = state
+                mujoco.mj_forward(model, data)
+                renderer.update_scene(data, camera)
+                pipe.write(renderer.render().tobytes())
+        if process.returncode:
+            log.seek(0)
+            raise GrasplessPinError(
+                f"{encoder}: {log.read().decode(errors='replace').strip()[-200:]}"
+            )

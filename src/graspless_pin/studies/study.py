@@ -76,10 +76,10 @@ class SampleParts(SceneParts):
         fields, (last_sample, scene) = {}, self._last
         for index, (value, last_value) in enumerate(zip(sample, last_sample, strict=True)):
             if not is_alike(value, last_value):
-                field = self._fields.get((index, repr(value)))
-                if field is None:
+                known = self._fields.get((index, repr(value)))
+                if known is None:
                     return None
-                fields[field[0]] = field[1]
+                fields[known[0]] = known[1]
         scene = scene._with_fields(fields)
         self._last = sample, scene
         return scene
@@ -102,9 +102,9 @@ class SampleParts(SceneParts):
         keys = [{location[0] for location, *_ in variable.targets} for variable in variables]
         for index, own_keys in enumerate(keys):
             other_keys = set().union(*keys[:index], *keys[index + 1 :])
-            key, *further_keys = own_keys or {""}
-            name = FIELDS_BY_KEY.get(str(key))
-            if name is not None and not further_keys and key not in other_keys:
+            names = {FIELDS_BY_KEY.get(str(key)) for key in own_keys - other_keys}
+            name = names.pop() if len(own_keys) == len(names) == 1 else None
+            if name is not None:
                 self._fields[index, repr(sample[index])] = name, vars(scene)[name]
 
 

@@ -38,11 +38,10 @@ class JointColumns:
         self.angular: FloatArray = kinematics.J[3:].T
         self.T_world_joint = kinematics.T_world_joint
         self.supports = hand.tree.supports
-        # [k, j]: whether joint k moves joint j
-        carried = self.supports[1:].T[:, :, None]
+        is_moved = self.supports[1:].T[:, :, None]  # [k, j]: whether joint k moves joint j
         v, w = self.linear, self.angular
-        self._turned: FloatArray = carried * np.cross(w[:, None], w[None])
-        self._shifted: FloatArray = carried * (
+        self._turned: FloatArray = is_moved * np.cross(w[:, None], w[None])
+        self._shifted: FloatArray = is_moved * (
             np.cross(w[:, None], v[None]) + np.cross(v[:, None], w[None])
         )
 
@@ -87,9 +86,9 @@ class JointColumns:
             (3, d, d): entry [:, a, b] is the derivative of the velocity in motion a along motion b.
         """
         own = rates * self.supports[link][:, None]
-        carried = self._shifted + np.cross(self._turned, point)
+        column_rates = self._shifted + np.cross(self._turned, point)
         turning = own.T @ self.angular
-        return np.einsum("kji,ja,kb->iab", carried, own, rates) + np.cross(
+        return np.einsum("kji,ja,kb->iab", column_rates, own, rates) + np.cross(
             turning[:, None], move.T[None]
         ).transpose(2, 0, 1)
 
@@ -137,7 +136,7 @@ def jointed_bodies(hand: Hand) -> tuple[JointedBody, ...]:
     model, placed = tree.pinocchio_model, tree.kinematics(hand.positions)
     bodies = []
     for index, (name, kind) in enumerate(zip(tree.joint_names, tree.joint_kinds, strict=True)):
-        carried = model.inertias[index + 1]
+        inertia = model.inertias[index + 1]
         parent = int(model.parents[index + 1]) - 1
         linear = kind == "prismatic"
         bodies.append(
@@ -147,9 +146,9 @@ def jointed_bodies(hand: Hand) -> tuple[JointedBody, ...]:
                 linear,
                 placed.J[:3, index] if linear else placed.J[3:, index],
                 placed.T_world_joint[index + 1],
-                float(carried.mass),
-                read_only(np.array(carried.lever)),
-                read_only(np.array(carried.inertia)),
+                float(inertia.mass),
+                read_only(np.array(inertia.lever)),
+                read_only(np.array(inertia.inertia)),
                 float(model.armature[index]),
             )
         )

@@ -405,10 +405,10 @@ def _power_bound(
     A slip that beta does not cover counts as the longest slip.
     """
     best = _LONG(np.inf)
-    size = np.linalg.norm(v) / np.maximum(np.sqrt(h @ h + 4.0 * leak), tolerances.LEAST_LOAD)
+    usual = np.linalg.norm(v) / np.maximum(np.sqrt(h @ h + 4.0 * leak), tolerances.LEAST_LOAD)
     needed = np.where(power > 0.0, wrong / np.where(power > 0.0, power, 1.0), np.inf)
     needed = np.where(wrong > 0.0, needed, 0.0)
-    for beta in (size, *needed[(needed > size) & np.isfinite(needed)]):
+    for beta in (usual, *needed[(needed > usual) & np.isfinite(needed)]):
         ball = ((v + beta * h) ** 2).sum() / (4.0 * beta) + beta * leak if beta > 0.0 else 0.0
         best = min(best, ball + longest[needed > beta].sum())
     return best
