@@ -140,7 +140,7 @@ def new_scene_text(
         force=f"{max(_LEAST_NORMAL_FORCE, float(f'{_FORCE_OVER_WEIGHT * weight:.1g}')):g}",
         robot=_yaml_block(robot_entry(robot, path_text), 2),
         base=_pose_lines(base, np.eye(3), 4),
-        stands="graspless-pin place finds one from which the hand holds the object"
+        stands="graspless-pin place finds one that holds the object"
         if reaching_base is None
         else "the arm reaches the object from there",
         fingers=_finger_lines(robot, hand),
