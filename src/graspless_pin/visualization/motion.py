@@ -215,10 +215,8 @@ def _link_paths(hand: Hand, bends: FloatArray) -> dict[str, FloatArray]:
         with suppress(SceneError):  # at a limit the hand stays
             bent = hand_with_moved_actuators(hand, bend)
         hands.append(bent)
-    paths = {}
-    for link in hand.tree.link_frames:
-        from_start = np.linalg.inv(hand.pose_of(link))
-        path = np.array([moved_hand.pose_of(link) @ from_start for moved_hand in hands])
-        if not np.allclose(path, np.eye(4), atol=1e-9):
-            paths[link] = path
-    return paths
+    links = (*hand.tree.link_frames,)
+    # Hand by hand: the poses of all its links are computed at once.
+    first, *poses = (np.array([one.pose_of(link) for link in links]) for one in [hand, *hands])
+    paths = zip(links, np.swapaxes(np.array(poses) @ np.linalg.inv(first), 0, 1), strict=True)
+    return {link: path for link, path in paths if not np.allclose(path, np.eye(4), atol=1e-9)}
