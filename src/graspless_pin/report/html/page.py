@@ -348,7 +348,7 @@ def model_data(picture: Picture, moving: MovingPicture | None = None) -> dict[st
         )
     first = b"".join(corners)
     first += bytes(-len(first) % 4)
-    data = gzip.compress(first + b"".join(faces), compresslevel=9, mtime=0)
+    data = gzip.compress(first + b"".join(faces), compresslevel=6, mtime=0)
     motion = {}
     if moving is not None:
         paths = [[_rounded_floats(pose[:3].ravel()) for pose in path] for path in moving.paths]
