@@ -169,9 +169,11 @@ def _connected_end(
     """Return the end (N) of the interval of balanced multiples of a disturbance that holds zero.
 
     Each mode balances one interval of multiples. This walks down from the largest balanced
-    multiple, interval by interval, and starts over below each gap between them.
+    multiple, interval by interval, and starts over below each gap between them. Under plain Coulomb
+    friction there is one interval, and it holds zero.
     """
     largest = begin = np.inf
+    is_coulomb = how.rules.static_friction is StaticFriction.COULOMB
     while begin > _SAME_MULTIPLE:
         state = SearchState(formulation.capped("multiple", begin - _SAME_MULTIPLE), how, limits)
         status = search_modes(state)
@@ -184,7 +186,7 @@ def _connected_end(
         end = -best.value
         if end < begin - 2.0 * _SAME_MULTIPLE:
             largest = end
-        first = _least_multiple(formulation, mode, how)
+        first = 0.0 if is_coulomb else _least_multiple(formulation, mode, how)
         if first is None:
             return Status.UNVERIFIED, np.nan
         begin = min(first, end)
@@ -197,9 +199,7 @@ def _least_multiple(formulation: Formulation, mode: SlidingMode, how: SolveOptio
     The mode balances all multiples from there to its largest one.
     """
     least = formulation.with_costs(-formulation.program.c)
-    is_coulomb = how.rules.static_friction is StaticFriction.COULOMB
-    bounds = least.bounds_of(None if is_coulomb else mode)
-    answer = least.solve(*bounds, how.solver, cutoff=np.inf)
+    answer = least.solve(*least.bounds_of(mode), how.solver, cutoff=np.inf)
     return None if answer.outcome is Outcome.FAILED else answer.value
 
 
