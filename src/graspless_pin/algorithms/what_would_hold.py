@@ -159,10 +159,10 @@ def _other_torques(problem: QuasistaticProblem, limits: Limits) -> HoldingChange
     solution = maximize_margin(
         problem, stability="strong", verdict_nodes=nodes, time_limit=limits.seconds_left
     )
-    if not solution.found:
+    if not solution.found or solution.guarantee is None or solution.guarantee.verdict is None:
         return None
     words = "torques of maximize_margin with stability='strong'"
-    return _verified_change((problem, solution.torques), words, limits)
+    return HoldingChange(words, problem, solution.torques, solution.guarantee.verdict)
 
 
 def _preload(problem: QuasistaticProblem, tau: FloatArray, limits: Limits) -> HoldingChange | None:
