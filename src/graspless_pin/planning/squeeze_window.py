@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import cache
 from itertools import groupby, pairwise
 from math import isfinite
 from typing import NamedTuple
@@ -25,12 +26,12 @@ from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import (
     FloatArray,
     JointUnit,
+    check_known,
     choice,
     finite_array,
     motor_torques,
     read_only,
     real_number,
-    unknown_name,
     whole_number,
 )
 from graspless_pin.problem.quasistatic import checked_problem
@@ -243,7 +244,8 @@ def squeeze_window(
     how = choice(OtherJoints, "other_joints", other_joints)
     share = real_number("precision", precision, 0.0)
 
-    def verdict_on(changed: FloatArray) -> StabilityVerdict:
+    @cache
+    def verdict_on(changed: tuple[float, ...]) -> StabilityVerdict:
         if isinstance(subject, Scene):
             return subject.stability(changed, node_limit=node_limit)
         return stability(problem, changed, node_limit=node_limit)
@@ -253,7 +255,7 @@ def squeeze_window(
             "subject", "has the controller 'position': joint torques have no effect; set it to "
             "'torque' or a stiffness (N m/rad)"
         )  # fmt: skip
-    first = verdict_on(given)
+    first = verdict_on((*given.tolist(),))
     change = _squeeze_direction(problem, direction, first)
     kept = np.zeros(len(change), dtype=bool) if direction is None else change != 0.0
     if how is OtherJoints.FIXED:
@@ -341,7 +343,7 @@ class _TorqueLine:
     torques: FloatArray
     direction: FloatArray
     held: NDArray[np.bool_]
-    verdict_on: Callable[[FloatArray], StabilityVerdict]
+    verdict_on: Callable[[tuple[float, ...]], StabilityVerdict]
 
     def amount_range(self, lowest: float) -> tuple[float, float]:
         """Return the least and the largest amount within the limits of the direction's joints."""
@@ -369,7 +371,7 @@ class _TorqueLine:
         # Torques that follow may be at the boundary of balance: their margin is 0 up to rounding.
         if -_LIMIT_SLACK * self.problem.scales.force < margin < 0.0:
             margin = 0.0
-        return _Sample(amount, torques, self.verdict_on(torques), margin, pressed)
+        return _Sample(amount, torques, self.verdict_on((*torques.tolist(),)), margin, pressed)
 
     def limiting_joint(self, amount: float) -> str:
         """Return the joint that is at its limit at an amount; empty: none is."""
@@ -428,9 +430,7 @@ def _squeeze_direction(
 ) -> FloatArray:
     """Return the given direction (L,), checked, or the torques of the internal forces."""
     if isinstance(given, Mapping):
-        unknown = [name for name in given if name not in problem.joint_names]
-        if unknown:
-            raise unknown_name("direction", "joint", unknown[0], problem.joint_names)
+        check_known("direction", "joint", given, problem.joint_names)
         given = [given.get(name, 0.0) for name in problem.joint_names]
     if given is not None:
         change = finite_array("direction", given, (problem.joint_count,))
