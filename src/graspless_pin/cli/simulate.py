@@ -27,10 +27,11 @@ from graspless_pin.report.provenance import same_problem
 from graspless_pin.report.simulation import simulation_text, time_lapse, time_lapse_html
 from graspless_pin.scene import Scene
 from graspless_pin.scene.problem_data import rest_problem
-from graspless_pin.scene.scene_stability import hand_support_contacts
+from graspless_pin.scene.scene_stability import hand_support_contacts, solution_verdict
 from graspless_pin.simulation import LoadingProtocol, SimulatedOutcome, Simulation, simulate
 from graspless_pin.simulation.protocol import checked_figures
 from graspless_pin.simulation.video import write_video
+from graspless_pin.solution import TorqueSolution
 
 _RANGES_TIME = 10.0  # s; by then most ranges are proven
 
@@ -113,14 +114,14 @@ def simulate_scene(
             )
         if export is not None:
             write_text(MODEL_MARK + outcome.model.xml, export, kind="model")
-        text = (
-            f"{simulation_summary(loaded, outcome)}\n\nverdict: {_torque_verdict(loaded, outcome)}"
-        )
-        if str(export) != "-":
-            typer.echo(text)
-        if save is not None and as_page:
-            write_text(time_lapse_html(time_lapse(loaded, outcome, text)), save, kind="page")
-        elif save is not None:
+        if str(export) != "-" or as_page:
+            verdict = _torque_verdict(loaded, solution, outcome)
+            text = f"{simulation_summary(loaded, outcome)}\n\nverdict: {verdict}"
+            if str(export) != "-":
+                typer.echo(text)
+            if save is not None and as_page:
+                write_text(time_lapse_html(time_lapse(loaded, outcome, text)), save, kind="page")
+        if save is not None and not as_page:
             write_video(outcome, save)
     raise typer.Exit(
         ExitCode.FOUND if outcome.outcome is SimulatedOutcome.HELD else ExitCode.INFEASIBLE
@@ -138,8 +139,10 @@ def simulation_summary(scene: Scene, simulation: Simulation) -> str:
     return simulation_text(simulation, scene.contacts.bodies, bounds)
 
 
-def _torque_verdict(scene: Scene, simulation: Simulation) -> StabilityVerdict:
+def _torque_verdict(
+    scene: Scene, solution: TorqueSolution, simulation: Simulation
+) -> StabilityVerdict:
     # The scene has hand-support contacts and rolling contacts, but not the push of the simulation.
     if hand_support_contacts(scene) or same_problem(scene.problem(), simulation.problem):
-        return scene.stability(simulation.torques)
+        return solution_verdict(scene, solution)
     return stability(simulation.problem, simulation.torques)
