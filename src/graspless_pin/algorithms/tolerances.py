@@ -367,14 +367,14 @@ class _ToleranceSearch:
 
     def _tilted_members(self, weight: Weight, tilt: float, rays: FloatArray) -> list[Member]:
         """Return members with gravity tilted towards each of (K, 3) directions normal to it."""
-        still, count = np.zeros(3), self.problem.contact_count
-        right = np.zeros(self.problem.joint_count)
+        zero, count = np.zeros(3), self.problem.contact_count
+        no_errors = np.zeros(self.problem.joint_count)
         return [
             member_at(
                 self.problem, weight,
-                Corner(0.0, still, np.sin(tilt) * ray + np.cos(tilt) * weight.down, still, still,
+                Corner(0.0, zero, np.sin(tilt) * ray + np.cos(tilt) * weight.down, zero, zero,
                        np.zeros(count)),
-                right, right,
+                no_errors, no_errors,
             )
             for ray in rays
         ]  # fmt: skip

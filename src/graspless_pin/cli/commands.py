@@ -153,8 +153,8 @@ def _print_version(asked: bool) -> None:
     from graspless_pin.versions import has_compiled_loops, versions
 
     typer.echo(f"graspless-pin {versions()['graspless-pin']}, Python {platform.python_version()}")
-    none = "none, numpy is used instead and is slower; reinstall where there is a C compiler"
-    typer.echo(f"compiled loops: {'yes' if has_compiled_loops() else none}")
+    without = "none, numpy is used instead and is slower; reinstall where there is a C compiler"
+    typer.echo(f"compiled loops: {'yes' if has_compiled_loops() else without}")
     raise typer.Exit
 
 

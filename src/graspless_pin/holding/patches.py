@@ -140,9 +140,12 @@ class Patch(Record):
             cones = [] if known.cone is None else known.cone.halves()
             return [self._slip_in_cone(cone) for cone in cones]
         axes, _ = np.linalg.qr(np.column_stack([self.motion @ y, np.eye(3)]))
-        ones, still = np.ones(2), np.tile([0.0, -1.0], (len(self.contacts), 1))
+        ones, no_slip = np.ones(2), np.tile([0.0, -1.0], (len(self.contacts), 1))
         cones = [MotionCone(axes.T, k, sign, -ones, ones) for k in range(3) for sign in (1, -1)]
-        return [PatchSlip(self.contacts, self.images, None, still), *map(self._slip_in_cone, cones)]
+        return [
+            PatchSlip(self.contacts, self.images, None, no_slip),
+            *map(self._slip_in_cone, cones),
+        ]
 
     def _slip_in_cone(self, cone: MotionCone) -> PatchSlip:
         """Return the slip of motions in a cone, with the arc of each contact."""

@@ -324,10 +324,10 @@ class Relaxation:
 
     def proof_threshold(self, states: States) -> float:
         """Return the power h.y up to which y counts as rest, less that of contacts along aside."""
-        still = leak_powers(self.dynamics, self.dynamics.free_motion)[
+        leaked = leak_powers(self.dynamics, self.dynamics.free_motion)[
             ~states.is_in(ContactState.OPEN)
         ]
-        return self.dynamics.resolution**2 - self.force_limit * float(still.sum())
+        return self.dynamics.resolution**2 - self.force_limit * float(leaked.sum())
 
     def _with_dynamics(self, dynamics: Dynamics, loads: FloatArray) -> Relaxation:
         relaxation = Relaxation(dynamics, loads, self.force_limit)

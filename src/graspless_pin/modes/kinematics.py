@@ -216,8 +216,8 @@ class VirtualKinematics:
             both = (signs != 0).all(axis=1)
             return bool((along >= -rounding).all() and (along[both].sum(axis=1) >= least).all())
         zero = signs == 0
-        still = rule is not SignRule.EXACT or bool((np.abs(own[:, 1:][zero]) <= rounding).all())
-        return still and bool((along[~zero] >= least).all())
+        is_zero = rule is not SignRule.EXACT or bool((np.abs(own[:, 1:][zero]) <= rounding).all())
+        return is_zero and bool((along[~zero] >= least).all())
 
     def touching(self, contacts: tuple[int, ...]) -> Touching:
         """Return the motions y in which the contacts keep touching."""
@@ -395,15 +395,15 @@ def feasible_modes(
         OverrunError: Where it has to end before the last mode.
     """
     candidates = np.flatnonzero(candidate_contacts(problem, rules)).tolist()
-    asked = 0
+    decided = 0
 
     def is_feasible(requirements: Sequence[Requirement]) -> bool:
-        nonlocal asked
-        if is_over(asked):
+        nonlocal decided
+        if is_over(decided):
             raise OverrunError(
-                f"a limit ended the enumeration of modes after {asked} partial modes"
+                f"a limit ended the enumeration of modes after {decided} partial modes"
             )
-        asked += 1
+        decided += 1
         return kinematics.feasible(requirements, rules.sign)
 
     # A node: the number of decided candidates, and the requirements at those selected.

@@ -168,8 +168,8 @@ class SectorMotions:
         turn = np.array(list(angles.values()))
         along = here[:, 1] * np.cos(turn) + here[:, 2] * np.sin(turn)
         across = here[:, 2] * np.cos(turn) - here[:, 1] * np.sin(turn)
-        still = np.abs([here[:, 0], across]) <= RANK_TOLERANCE * size
-        return bool(still.all() and (along >= self.kinematics.threshold * size).all())
+        is_zero = np.abs([here[:, 0], across]) <= RANK_TOLERANCE * size
+        return bool(is_zero.all() and (along >= self.kinematics.threshold * size).all())
 
 
 def _sector_rows(sector: Sector | None) -> FloatArray:

@@ -172,8 +172,8 @@ def moving_contacts(
     count, points = len(columns.linear), scene.contacts.points
     gaps = np.zeros((scene.contacts.arrays.hand_count, count))
     moves, turns = np.zeros((2, len(points), 3, count))
-    still = np.zeros((3, count))
-    fixed = Velocities(still, still)
+    zeros = np.zeros((3, count))
+    fixed = Velocities(zeros, zeros)
     for index, contact in enumerate(points[: len(gaps)]):
         link = hand.tree.link_joints[contact.body]
         n, p, gap = contact.normal, contact.position, contact.distance
@@ -189,7 +189,7 @@ def moving_contacts(
             rates = rates_over_face(n, gap, own, fixed)
         gaps[index], moves[index] = rates.gap, rates.middle
         turns[index] = frame_turns(n, rates.normal, scene.tangent_axes)
-    return ContactRates(moves, turns, still, still), gaps
+    return ContactRates(moves, turns, zeros, zeros), gaps
 
 
 def frame_turns(

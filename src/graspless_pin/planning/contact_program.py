@@ -55,8 +55,8 @@ class ContactProgram:
         self._simplex = Simplex(np.zeros(size), self._low, self._high)
         pressed = problem.N.T @ self._forces
         pressed[:, -1] += 1.0
-        none = np.full(len(pressed), -np.inf)
-        self._simplex.add_rows(pressed, none, problem.max_normal_force)
+        no_lower = np.full(len(pressed), -np.inf)
+        self._simplex.add_rows(pressed, no_lower, problem.max_normal_force)
         self._rows = self._simplex.row_count
 
     def polygon(

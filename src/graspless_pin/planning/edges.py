@@ -106,11 +106,11 @@ def state_validity(
     solver: StateSolver, q: Any, T_world_object: Any, twist: Any, required: float
 ) -> StateValidity:
     """Return the validity of a state: see `Evaluator.validity`."""
-    at, asked = solver.configurations, required >= 0.0
+    at, needs_margin = solver.configurations, required >= 0.0
     scene, problem, first_faults = solver.posed_scene(
-        q, T_world_object, twist, solve=asked, whole=True
+        q, T_world_object, twist, solve=needs_margin, whole=True
     )
-    faults, margin = list(first_faults), -np.inf if asked else np.nan
+    faults, margin = list(first_faults), -np.inf if needs_margin else np.nan
     if problem is not None:
         margin, status = solver.margin_of(scene, problem, required)
         if status is StateStatus.BELOW_MARGIN:

@@ -285,8 +285,8 @@ def joint_trajectory(profile: PathProfile | PathTiming) -> dict[str, Any]:
     if isinstance(profile, PathTiming):
         if not profile.found:
             raise NoSolutionError(f"there is no timing to export ({profile.reason})")
-        names, none = profile.joint_names, np.empty((len(profile.times), 0))
-        columns = profile.positions, profile.velocities, profile.accelerations, none
+        names, no_columns = profile.joint_names, np.empty((len(profile.times), 0))
+        columns = profile.positions, profile.velocities, profile.accelerations, no_columns
     else:
         if not profile.found:
             first = profile.failures[0]
@@ -294,11 +294,11 @@ def joint_trajectory(profile: PathProfile | PathTiming) -> dict[str, Any]:
                 f"waypoint {first} has no torques to export ({profile.failure_reason(first)}); "
                 "check .found first"
             )
-        names, none = profile.position_names, np.empty((len(profile.times), 0))
+        names, no_columns = profile.position_names, np.empty((len(profile.times), 0))
         torques = dict(zip(profile.torque_names, np.nan_to_num(profile.torques).T, strict=True))
-        still = np.zeros(len(profile.times))
-        efforts = np.column_stack([none, *(torques.get(name, still) for name in names)])
-        columns = profile.positions, none, none, efforts
+        zeros = np.zeros(len(profile.times))
+        efforts = np.column_stack([no_columns, *(torques.get(name, zeros) for name in names)])
+        columns = profile.positions, no_columns, no_columns, efforts
     keys = "positions", "velocities", "accelerations", "effort"
     points: list[dict[str, Any]] = []
     for time, *row in zip(profile.times - profile.times[0], *columns, strict=True):

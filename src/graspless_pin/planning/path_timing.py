@@ -273,7 +273,7 @@ def _unheld_reason(
         given = motor_limits(problem, torques)[0].tolist()
         listed = ", ".join(f"{name} {value:g}" for name, value in zip(names, given, strict=True))
         who = f"the given torques ({listed}) do not"
-    asked = f" with a margin of {margin:g} N" if margin else ""
+    margin_words = f" with a margin of {margin:g} N" if margin else ""
     if torques is not None and is_held(free):
         advice = "other torques within the motors' limits do: leave torques out, or give others"
     elif is_held((np.full(len(names), -np.inf), np.full(len(names), np.inf))):
@@ -283,22 +283,22 @@ def _unheld_reason(
     else:
         less = ", or ask for less margin" if margin else ""
         advice = f"no motors would with this friction and max_normal_force: change the grip{less}"
-    return f"{who} hold the object{asked} {where}; {advice}"
+    return f"{who} hold the object{margin_words} {where}; {advice}"
 
 
 def _timing_fault(
     names: tuple[str, ...], torque_limits: FloatArray, along: Sequence[_PathPoint]
 ) -> str:
     """Return in words why no timing keeps all limits, and which joint needs more torque."""
-    still = np.abs([point.joints[:, 0] for point in along])
-    beyond = still / torque_limits
+    needed = np.abs([point.joints[:, 0] for point in along])
+    beyond = needed / torque_limits
     k, joint = np.unravel_index(np.argmax(beyond), beyond.shape)
     why = "no timing from rest to rest keeps all limits"
     if beyond[k, joint] <= 1.0:
         return f"{why}; raise the limits of torques and accelerations, or use another path"
     return (
         f"{why}: at point {k}, even at rest, joint {names[joint]!r} needs "
-        f"{still[k, joint]:.4g} N m (N), but torque_limits allows {torque_limits[joint]:g}; raise "
+        f"{needed[k, joint]:.4g} N m (N), but torque_limits allows {torque_limits[joint]:g}; raise "
         "it, or reduce the load"
     )
 
@@ -416,10 +416,10 @@ def _fastest_speeds(
 
         def compute_constraint_params(self, *_: Any) -> tuple[Any, ...]:
             unit = np.ones((len(where), 1)) * np.array([[1.0, 0.0]])
-            still = np.zeros_like(unit)
+            zeros = np.zeros_like(unit)
             # Rows hold at both ends of an interval, with its one acceleration.
             of_intervals = toppra.constraint.linear_constraint.canlinear_colloc_to_interpolate
-            return of_intervals(unit, unit[:, ::-1].copy(), still, rows, sides, None, None, where)
+            return of_intervals(unit, unit[:, ::-1].copy(), zeros, rows, sides, None, None, where)
 
     limits = Rows()
     limits.discretization_type = toppra.constraint.DiscretizationType.Interpolation

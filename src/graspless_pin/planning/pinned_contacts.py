@@ -211,13 +211,13 @@ def pinned_state(
     smooth = np.array([rate.smooth for rate in rates])
     bodies = tuple([point.contact.body for point in points])
     surfaces = np.array([[own == body for body in dict.fromkeys(bodies)] for own in bodies], float)
-    none = np.zeros((len(points), surfaces.shape[1] + 1))
+    zeros = np.zeros((len(points), surfaces.shape[1] + 1))
     by_gaps = Derivatives(
         read_only(gaps[:, :n] @ coupling),
         read_only(gaps[:, n:]),
-        read_only(none[:, :-1]),
-        read_only(none[:, -1:]),
-        np.repeat(smooth[:, None], coupling.shape[1] + 6 + none.shape[1], axis=1),
+        read_only(zeros[:, :-1]),
+        read_only(zeros[:, -1:]),
+        np.repeat(smooth[:, None], coupling.shape[1] + 6 + zeros.shape[1], axis=1),
     )
     values = read_only(np.array([point.gap for point in points]))
     if not evaluation.found:

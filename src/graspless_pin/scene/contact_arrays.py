@@ -124,8 +124,8 @@ def with_touching(scene: AnyScene, touching: ContactArrays) -> AnyScene:
     """
     new_scene = changed(scene, *scene._DERIVED, _cache=Latest())
     support_sources, all_sources = _contact_dependencies(new_scene)
-    none = new_scene._cache.put("on supports", support_sources, ContactArrays.of(()))
-    new_scene._cache.put("touching", (*all_sources, none), touching)
+    no_contacts = new_scene._cache.put("on supports", support_sources, ContactArrays.of(()))
+    new_scene._cache.put("touching", (*all_sources, no_contacts), touching)
     return new_scene
 
 

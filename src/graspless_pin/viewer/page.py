@@ -338,13 +338,13 @@ class Viewer:
         while True:
             with self._changed:
                 pause = None if judged else _PAUSE
-                asked = self._changed.wait_for(
+                has_settings = self._changed.wait_for(
                     lambda: self._waiting or self._stopped.is_set(), pause
                 )
                 if self._stopped.is_set():
                     return
                 settings, self._waiting = self._settings, False
-            judged, shown = not asked, self._shown
+            judged, shown = not has_settings, self._shown
             try:
                 if judged:
                     self._show_verdict()

@@ -128,11 +128,11 @@ def draw_contacts(
     """
     center = finite_array("origin", origin, (3,))
     size = float(np.linalg.norm(problem.positions, axis=1).max()) or 1.0
-    up, none = up_against(_load_force(problem)), np.zeros((0, 4))
+    up, no_points = up_against(_load_force(problem)), np.zeros((0, 4))
     view_from = look_across(np.zeros(3), up)
-    views = preset_views(np.zeros(3), up, (), none)
+    views = preset_views(np.zeros(3), up, (), no_points)
     picture = Picture((), center, 1.2 * size, up, view_from, views)
-    picture = with_bearings(picture, size, None, none)
+    picture = with_bearings(picture, size, None, no_points)
     return with_contacts(picture, problem, solution, center, size, None, bodies)
 
 

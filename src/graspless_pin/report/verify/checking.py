@@ -80,9 +80,9 @@ def guarantee_checks(stated: Part, problem: Problem, status: str) -> list[Check]
     checks = [given("the best case", "its torques are not in the document")]
     if status == "infeasible_strong":
         # Without joints there is only one set of torques.
-        none = not problem.units and strength in ("weak", "none")
+        is_proven = not problem.units and strength in ("weak", "none")
         detail = f"verdict: {strength}, {len(problem.units)} joints"
-        checks.append(holds("no torques are guaranteed", none, detail))
+        checks.append(holds("no torques are guaranteed", is_proven, detail))
     elif status == "strong_not_found":
         why = "no such torques were found, and it is not proven that there are none"
         checks.append(Check("whether there are guaranteed torques", None, why))

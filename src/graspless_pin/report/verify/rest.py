@@ -371,12 +371,12 @@ class _GrowthProof:
         """Return why N is not all motions without slip at loaded contacts; empty: it is."""
         problem, hybrid = self.bodies.problem, self.bodies.hybrid
         rows = contact_motion(problem)
-        still = np.ones((problem.count, 3), dtype=bool)
-        still[:, 1:] = problem.has_cone[:, None]
-        still[hybrid[hybrid >= 0], 0] = False
+        kept = np.ones((problem.count, 3), dtype=bool)
+        kept[:, 1:] = problem.has_cone[:, None]
+        kept[hybrid[hybrid >= 0], 0] = False
         if self.bodies.rest_violation(self.forces) > tolerances.SHARE:
             return "the forces violate the conditions of rest"
-        still[self.forces[:, 0] <= tolerances.bearing_force(self.bodies.undisturbed)] = False
+        kept[self.forces[:, 0] <= tolerances.bearing_force(self.bodies.undisturbed)] = False
         columns = np.zeros(rows.shape[2], dtype=bool)
         columns[: self.passive] = True
         columns[self.passive + np.array(self.joints, dtype=int)] = True
@@ -384,7 +384,7 @@ class _GrowthProof:
         omitted[self.passive :] &= hybrid < 0
         if rows[:, :, omitted].any() or self.N[~columns].any():
             return "the proof omits a joint that moves a contact"
-        flat = rows[still][:, columns]
+        flat = rows[kept][:, columns]
         sizes = np.linalg.norm(flat, axis=0)
         sizes[sizes == 0.0] = 1.0
         scaled, motions = flat / sizes, self.N[columns] * sizes[:, None]

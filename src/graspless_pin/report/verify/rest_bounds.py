@@ -245,8 +245,8 @@ class KnownStates:
     def all_free(cls, count: int) -> KnownStates:
         """Return the states of all outcomes."""
         zeros = np.zeros(count)
-        whole, none = np.full(count, np.pi), np.zeros(count, dtype=bool)
-        return cls((Kind.FREE,) * count, zeros, whole, zeros, zeros, none)
+        whole, nowhere = np.full(count, np.pi), np.zeros(count, dtype=bool)
+        return cls((Kind.FREE,) * count, zeros, whole, zeros, zeros, nowhere)
 
     def is_in(self, *kinds: Kind) -> np.ndarray:
         """Return which contacts are in one of some states, (M,)."""
@@ -451,8 +451,8 @@ def declared_motion_bound(
     motion = goal + nu @ rows[:, 0] + np.einsum("li,lin->n", kappa, rows[:, 1:])
     rough = np.abs(goal) + np.abs(nu) @ np.abs(rows[:, 0])
     rough = rough + np.einsum("li,lin->n", np.abs(kappa), np.abs(rows[:, 1:]))
-    slope, none = (pushes @ motion, np.abs(pushes) @ rough), np.zeros(len(rows))
-    pushed = largest_force_terms(dynamics, states, half_width, slope, none, none, force_limit)
+    slope, zeros = (pushes @ motion, np.abs(pushes) @ rough), np.zeros(len(rows))
+    pushed = largest_force_terms(dynamics, states, half_width, slope, zeros, zeros, force_limit)
     # A bound on -kappa.u_t, with the longest slip that such forces cause.
     wrong = np.maximum(-least_product(kappa, states.center, half_width), 0.0)
     wrong = wrong + tolerances.rounding_error(np.linalg.norm(kappa, axis=1))

@@ -89,9 +89,9 @@ class RestLoad:
 
     def unbalanced_load(self, local: np.ndarray) -> float:
         """Return the largest entry of G^T f + g, in loads; forces (M, 3) in contact frames."""
-        none = np.zeros(len(self.load))
+        no_error = np.zeros(len(self.load))
         off = self._residual_sizes(
-            contact_motion(self.problem), local.astype(np.longdouble), none, none
+            contact_motion(self.problem), local.astype(np.longdouble), no_error, no_error
         )
         return float((off / _load_units(self.undisturbed)).max())
 

@@ -75,8 +75,8 @@ def uncertainty_checks(
                         for one in joints])  # fmt: skip
     if stated.get("policy") is not None:
         bound = proof["certificate"].maybe("bound")
-        asked = {key: getattr(joined, key) for key in ("algorithm", "e0", "by_limits", "own")}
-        own = replace(problem, **asked)
+        of_joined = {key: getattr(joined, key) for key in ("algorithm", "e0", "by_limits", "own")}
+        own = replace(problem, **of_joined)
         checks += policy_checks(stated, own, each, [torques, stacked(joints, "torque")])
         bounding = [_read_member(one, problem) for one in stated["bounding"]]
         proven = [
