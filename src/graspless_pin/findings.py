@@ -82,7 +82,7 @@ class FindingCode(StrEnum):
     LOAD_TOO_LARGE = "load-too-large", Severity.WARNING
     NO_RESERVE = "no-reserve", Severity.WARNING
     NOT_OPTIMAL = "not-proven-optimal", Severity.WARNING
-    THRESHOLD = "hangs-on-threshold", Severity.WARNING
+    THRESHOLD = "depends-on-threshold", Severity.WARNING
     IDLE_MOUNT = "mount-touches-nothing", Severity.NOTE
     NO_SUPPORT_TOUCHES = "no-support-touches", Severity.NOTE
     QUATERNION_ORDER = "quaternion-order", Severity.NOTE
