@@ -112,7 +112,7 @@ class StateFault(Enum):
     NO_CONTACT = "nothing touches the object"
     OVERLAP = "bodies overlap by more than max_penetration"
     BLOCKED = "the motion drives the object into a body"
-    PARTED = "the motion parts the object from everything that touches it"
+    PARTED = "the motion separates the object from all bodies that touch it"
     AMBIGUOUS = "a hybrid finger touches the object at several points"
 
 

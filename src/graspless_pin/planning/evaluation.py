@@ -35,16 +35,16 @@ class StateStatus(Enum):
     FOUND = "torques were found"
     INFEASIBLE = "no torques hold the object in this state"
     UNDECIDED = "a node or time limit, or a program that no solver answered, ended the search"
-    OUTSIDE_LIMITS = "a joint stands outside its limits"
+    OUTSIDE_LIMITS = "a joint is outside its limits"
     NO_CONTACT = StateFault.NO_CONTACT.value
     OVERLAP = StateFault.OVERLAP.value
     BLOCKED = StateFault.BLOCKED.value
     PARTED = StateFault.PARTED.value
     AMBIGUOUS = StateFault.AMBIGUOUS.value
-    BELOW_MARGIN = "the largest margin is below what is asked for"
+    BELOW_MARGIN = "the largest margin is below the required margin"
     HAND_TOUCHES_NOTHING = "no link of the hand touches the object"
-    HAND_THROUGH_SUPPORT = "a link of the hand is deep in a support"
-    HAND_THROUGH_ITSELF = "links of the hand are deep in each other"
+    HAND_THROUGH_SUPPORT = "a hand link and a support overlap by more than max_penetration"
+    HAND_THROUGH_ITSELF = "hand links overlap by more than max_penetration"
 
     @classmethod
     def of_unsolved(cls, status: Status) -> StateStatus:

@@ -82,19 +82,19 @@ class Status(Enum):
         "solver answered, or a proof that leaves a gap)"
     )
     INFEASIBLE_FORCES = (
-        "infeasible: no contact forces inside the cones, normal-force and torque limits balance "
-        "the external wrench (with the required margin, if one is asked for)"
+        "infeasible: no contact forces inside the friction cones and within the normal-force and "
+        "torque limits balance the external wrench (with the required margin, if there is one)"
     )
     INFEASIBLE_MODES = (
         "infeasible: forces that balance exist, but none whose friction opposes a kinematically "
         "feasible virtual sliding"
     )
     INFEASIBLE_IN_MODE = "infeasible in the given virtual-sliding mode"
-    INFEASIBLE_MODE = "the given virtual-sliding mode has no virtual motion: it is infeasible"
+    INFEASIBLE_MODE = "the given virtual-sliding mode is infeasible: it has no virtual motion"
     NOT_FOUND_IN_LIMIT = "nothing found when a node or time limit ended the search"
     UNVERIFIED = "no solver gave an answer that passes the check"
     LOAD_TOO_LARGE = (
-        "the load is too large for the limits: beside such a load, double precision cannot resolve "
+        "the load is too large for the limits: with such a load, double precision cannot resolve "
         "them"
     )
     STRONG = "the best found of the torques that guarantee rest"
