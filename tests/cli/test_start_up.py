@@ -89,3 +89,9 @@ def test_the_package_is_the_command_line():
     )
     assert result.returncode == 0, result.stderr
     assert result.stdout == run("--version").stdout
+
+
+@pytest.mark.parametrize("module", ["example", "robots", "verify"])
+def test_commands_that_solve_nothing_load_no_scipy(module):
+    code = f"import sys, graspless_pin.cli.{module}; sys.exit('scipy' in sys.modules)"
+    subprocess.run([sys.executable, "-c", code], check=True)  # noqa: S603 - a fixed program

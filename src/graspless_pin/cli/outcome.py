@@ -21,7 +21,6 @@ from graspless_pin.errors import ArgumentError, GrasplessPinError
 from graspless_pin.findings import Finding, Severity, capture, causes_first, emit
 from graspless_pin.intake.text import printable
 from graspless_pin.progress import waiting_for
-from graspless_pin.solution.certificate import UNDECIDED
 
 if TYPE_CHECKING:
     from graspless_pin.scene import Scene
@@ -136,6 +135,9 @@ def with_controller(scene: Scene, stiffness: str | None) -> Scene:
 
 def exit_code(solution: TorqueSolution) -> ExitCode:
     """Return the exit code of a command for the status of a solution."""
+    # Imported here: commands that solve nothing do not need it.
+    from graspless_pin.solution import UNDECIDED
+
     if solution.found:
         return ExitCode.FOUND
     return ExitCode.NOT_PROVEN if solution.status in UNDECIDED else ExitCode.INFEASIBLE

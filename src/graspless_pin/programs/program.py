@@ -14,7 +14,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.sparse import csr_array
 
 from graspless_pin.problem.checks import FloatArray, all_finite, all_within
 from graspless_pin.problem.scales import MOST_STRICT
@@ -271,7 +270,12 @@ class Program:
     @cached_property
     def _sparse(self) -> Any:
         """The rows as a sparse matrix; None if they are small."""
-        return csr_array(self.rows) if self.rows.size > _LARGEST_DENSE else None
+        if self.rows.size <= _LARGEST_DENSE:
+            return None
+        # Imported here: documents are verified without it.
+        from scipy.sparse import csr_array
+
+        return csr_array(self.rows)
 
     def row_values(self, x: FloatArray) -> FloatArray:
         """Return the (m + k,) values of all rows at x (n,)."""

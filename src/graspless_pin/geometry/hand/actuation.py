@@ -17,7 +17,6 @@ from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import null_space
 
 from graspless_pin.errors import ArgumentError
 from graspless_pin.findings import Finding, FindingCode, emit
@@ -112,6 +111,9 @@ def plan_actuation(
             )
         columns += _embedded_columns(R.T @ np.linalg.inv(R @ R.T), joints, count)
         tendon_names += group
+        # Imported here: robots without tendons do not need it.
+        from scipy.linalg import null_space
+
         null_columns = _embedded_columns(null_space(R), joints, count)
         passive_columns += null_columns
         passive += [f"{group[0]}.passive_{number}" for number in range(1, len(null_columns) + 1)]
