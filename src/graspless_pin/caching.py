@@ -63,7 +63,7 @@ class Bounded(dict[_Key, _Value]):
 
     def __setitem__(self, key: _Key, value: _Value) -> None:
         """Keep a value."""
-        if len(self) >= self._most:
+        if key not in self and len(self) >= self._most:
             self.clear()
         super().__setitem__(key, value)
 

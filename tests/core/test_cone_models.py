@@ -334,6 +334,7 @@ def test_no_verdict_is_claimed():
     assert "requires Coulomb's law, and the cone is 'uneven'" in str(verdict)
     strong = maximize_margin(problem, static_friction="coulomb", stability="strong")
     assert strong.status is Status.STRONG_NOT_FOUND
+    assert "use the cone 'edges' or 'round'" in strong.explanation
     for analysis in (guaranteed_disturbance, robustness, what_would_hold):
         with pytest.raises(ArgumentError, match="requires Coulomb's law"):
             analysis(problem, torques)

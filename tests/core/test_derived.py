@@ -104,3 +104,12 @@ def test_what_a_value_is_made_from_is_told_apart(first, second):
 
 def described(source: object) -> object:
     return id(source) if isinstance(source, np.ndarray) else (type(source), repr(source))
+
+
+def test_a_full_dictionary_keeps_the_others_where_an_entry_is_replaced():
+    kept = Bounded[int, str](2)
+    kept[1], kept[2] = "a", "b"
+    kept[2] = "c"
+    assert kept == {1: "a", 2: "c"}
+    kept[3] = "d"
+    assert kept == {3: "d"}

@@ -307,6 +307,8 @@ def _advice(verdict: StabilityVerdict) -> str:
     """Return what to try where no torques were found."""
     if verdict.status is Stability.STRONG:
         return "- use the joint feedback that the verdict states, or another grip"
+    if verdict.problem.cone_model.no_verdict:
+        return "- use the cone 'edges' or 'round': other cones have no verdicts"
     if verdict.joints_held:
         return (
             "- state constant torques, or a stiffness, as controller: then torques have an effect"

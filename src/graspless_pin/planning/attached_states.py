@@ -37,7 +37,8 @@ from graspless_pin.solution import TorqueSolution
 from graspless_pin.solution.certificate import DualVariables
 
 _AXES = (np.array([0.0, 1.0, 0.0]), np.array([1.0, 0.0, 0.0]))
-"""Tangent axes where a scene states none: pyramids with 4 k edges do not change by them."""
+"""Tangent axes where a scene states none. Pyramids with 4 k edges do not change by them; margins of
+other cones may differ from those of `Scene.solve`, so such scenes should state axes."""
 
 
 class AttachedConfigurations(Configurations):

@@ -126,6 +126,9 @@ class ConeModel(ABC):
     def corners(self, edges: int) -> ArrayLike:
         """Return (r, 2) corners of the cross-section where mu f_n is 1, see `Section`.
 
+        Along t1 and t2, of the friction on the object. The section need not be symmetric: then the
+        sense of t1 (`tangent_axes`) matters.
+
         Args:
             edges: The problem's `cone_edges`.
         """

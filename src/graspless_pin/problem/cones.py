@@ -119,7 +119,13 @@ def _regular_section(edges: int) -> Section:
     return Section(corners, directions, read_only(np.full(edges, np.cos(np.pi / edges))))
 
 
-CONE_MODELS: dict[str, ConeModel] = {model.name: model for model in (Pyramid(), RoundCone())}
+CONE_MODELS: dict[str, ConeModel] = {
+    model.name: model
+    for model in (
+        Pyramid(),
+        RoundCone(),
+    )
+}
 """All friction cone models by their names as ``cone``: a new model is added to this list."""
 
 

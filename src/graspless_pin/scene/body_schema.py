@@ -114,7 +114,7 @@ class PartEntry(Entry):
 class CompoundEntry(Entry):
     """Several shapes as one body."""
 
-    type: Literal["compound"] = Field(description="the shape is a compound")
+    type: Literal["compound"] = Field(description="type of the shape: compound")
     parts: Annotated[Many[PartEntry], Field(min_length=1)] = Field(
         description="at least one part; overlapping volumes count more than once for mass and "
         "inertia"

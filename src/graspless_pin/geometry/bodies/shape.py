@@ -193,7 +193,7 @@ class Shape(ABC):
     def entry(cls) -> type[Entry]:
         """Return the schema of the shape's mapping in a scene file; a path is a text there."""
         hints = get_type_hints(cls, include_extras=True)
-        description = f"the shape is a {cls.kind.replace('_', '-')}"
+        description = f"type of the shape: {cls.kind.replace('_', '-')}"
         keys: Any = {"type": (Literal[cls.kind], Field(description=description))} | {
             field.name: (hints[field.name], ... if field.default is MISSING else field.default)
             for field in fields(cls)
