@@ -279,7 +279,7 @@ def test_what_is_not_proven_leaves_an_explanation_open(monkeypatch):
 def test_a_mode_that_is_refused_is_an_answer():
     mode = SlidingMode([True] * 5, [[1, -1]] * 5)
     told = explain(maximize_margin(slider(1e-6), mode=mode)).cause
-    assert told.startswith("Not explained further: the given virtual-sliding mode is infeasible")
+    assert told.startswith("Not explained further: the given virtual-sliding mode has no")
 
 
 def test_a_help_far_beyond_all_that_is_at_hand_is_left_out():

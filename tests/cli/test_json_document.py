@@ -128,7 +128,7 @@ def test_an_infeasible_document_says_so(tmp_path, text, options):
     document = strict(result.stdout)
     assert document["found"] is False
     assert document["status"] == "infeasible_forces"
-    assert document["message"].startswith("infeasible: no contact forces inside the cones")
+    assert document["message"].startswith("infeasible: no contact forces inside the friction cones")
     assert document["margin"] is None and document["max_torque"] is None
     assert document["certificate"]["infeasibility"] > 0
     assert len(document["contacts"]) == 5

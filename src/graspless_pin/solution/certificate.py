@@ -90,7 +90,7 @@ class Status(Enum):
         "feasible virtual sliding"
     )
     INFEASIBLE_IN_MODE = "infeasible in the given virtual-sliding mode"
-    INFEASIBLE_MODE = "the given virtual-sliding mode is infeasible: it has no virtual motion"
+    INFEASIBLE_MODE = "the given virtual-sliding mode has no virtual motion: it is infeasible"
     NOT_FOUND_IN_LIMIT = "nothing found when a node or time limit ended the search"
     UNVERIFIED = "no solver gave an answer that passes the check"
     LOAD_TOO_LARGE = (
