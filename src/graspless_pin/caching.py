@@ -116,8 +116,10 @@ def is_alike(one: Any, other: Any) -> bool:
         other: The value to compare with.
     """
     kind = type(one)
-    if one is other or kind is not type(other):
-        return one is other
+    if one is other:
+        return True
+    if kind is not type(other):
+        return False
     if isinstance(one, float):
         same = one == other or (isnan(one) and isnan(other))
         return same and copysign(1.0, one) == copysign(1.0, other)

@@ -39,7 +39,8 @@ class ProgramStructure:
         layout: Layout of the force coordinates.
         face_count: Number of side faces of all cones.
         reach: (2, n) see `unit_force_bounds`.
-        sides: (n + 1, s) transposed rows x + e of faces, n^T f + e and, without a cone, -n^T f + e.
+        sides: (n + 1, s) transposed rows of the margin e: d^T f + e of each face with normal d,
+            n^T f + e of each contact, and -n^T f + e of each contact without a cone.
         friction: (M,) coefficients.
         section: The regular section of their cones.
     """
@@ -95,11 +96,11 @@ def _structure(mask: bytes, friction: bytes, section: Section) -> ProgramStructu
 def may_begin(problem: QuasistaticProblem, options: SolveOptions) -> bool:
     """Whether loops may look for an optimum without a warm start."""
     rules = options.rules
-    return not (
-        options.solver != ANY_SOLVER
-        or options.search is not Search.AUTO
-        or rules.static_friction is StaticFriction.COULOMB
-        or required_contacts(problem, rules).any()
+    return bool(
+        options.solver == ANY_SOLVER
+        and options.search is Search.AUTO
+        and rules.static_friction is not StaticFriction.COULOMB
+        and not required_contacts(problem, rules).any()
     )
 
 
@@ -117,18 +118,21 @@ def loops_cover(cone: ConeModel, objective: Objective, options: SolveOptions) ->
 
 @lru_cache(maxsize=192)
 def loops_of(
-    kind: str, structure: ProgramStructure, objective: Objective, units: tuple[JointUnit, ...]
+    loops_class: str,
+    structure: ProgramStructure,
+    objective: Objective,
+    units: tuple[JointUnit, ...],
 ) -> Any:
     """Return loops of a class of `compiled.core`; cached by the arguments.
 
     Args:
-        kind: Name of the class.
+        loops_class: Name of the class.
         structure: Data shared by the problems.
         objective: One of the paper's.
         units: (L,) units of the joints' torques.
     """
     kinds = core.MARGIN, core.TORQUE, core.SHARE
-    return getattr(core, kind)(
+    return getattr(core, loops_class)(
         kind=kinds[PAPER_OBJECTIVES.index(type(objective))],
         required=objective.required_margin,
         turns=[unit is JointUnit.TORQUE for unit in units],

@@ -121,8 +121,9 @@ def torques_by_policy(
             bounding, Coverage.WHOLE_SET, bounding.certificate.bound, (*corners, *chosen), names,
             policy=policy,
         )  # fmt: skip
-    extremes = extreme_members(corners[:1], unknowns, free[:1])
-    if not free:
+    if free:
+        extremes = extreme_members(corners[:1], unknowns, free[:1])
+    else:
         extremes = _far_extremes(corners, unknowns, _EXTREMES)
     how = limits.with_time_left(options)
     solution, coverage = best_torques(extremes, objective, how, directions, mode)
@@ -161,8 +162,11 @@ def _far_extremes(corners: Sequence[Member], unknowns: Unknowns, count: int) -> 
 
 _AT_ONCE, _MORE = 4, 4
 """Number of members of the first joined problem, and number that join it at a time."""
-_SEED, _SOLVED, _SAMPLES = 0, 50, 200
-"""Seed; number of members with moved contacts that are solved for, and of those then tested."""
+_SEED = 0
+_SOLVED = 50
+"""Number of members with moved contacts that are solved for."""
+_SAMPLES = 200
+"""Number of such members that are then tested."""
 
 
 Feedback = float | ArrayLike | Controller
@@ -219,8 +223,8 @@ def solve_robust(
     stiffness = joint_stiffness(problem, feedback, fingers)
     members, directions = corners_of(problem, of_corners, weight, stiffness)
     unknowns = unknowns_of(problem, uncertainty, of_corners, weight, members)
-    aims = isinstance(objective, Margin | Torque | TorqueShare)
-    if radii.any() and (unknowns.count or not aims):
+    has_margin = isinstance(objective, Margin | Torque)
+    if radii.any() and (unknowns.count or not has_margin):
         beside = "a set with balls or too many corners" if unknowns.count else "such an objective"
         raise ArgumentError(
             "contact_position",
@@ -278,7 +282,7 @@ def torques_for_members(
         further: Members that join only where torques for the others do not serve them.
     """
     at_once = _AT_ONCE
-    if not isinstance(objective, Margin | Torque | TorqueShare):
+    if not isinstance(objective, Margin | Torque):
         at_once = len(members)  # margins do not tell whether other objectives serve a member
     chosen, others = far_members(members, at_once)
     if begin and others:

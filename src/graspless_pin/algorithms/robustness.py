@@ -29,7 +29,7 @@ from graspless_pin.problem.inertias import hybrid_contacts
 from graspless_pin.records import Brief
 from graspless_pin.tree_search import Limits
 
-_WIDEST = 0.5
+_COARSEST_PRECISION = 0.5
 _MOST_SPANS = 12
 _MOST_HALVINGS = 16
 _BEYOND = (1e-5, 1e-4, 1e-3)
@@ -111,8 +111,10 @@ def checked_limits(
             "problem",
             f"has the cone '{problem.cone}'; a verdict requires Coulomb's law ('edges' or 'round')",
         )
-    if real_number("precision", precision, 1e-3) > _WIDEST:
-        raise ArgumentError("precision", f"is {precision}; it must be at most {_WIDEST}")
+    if real_number("precision", precision, 1e-3) > _COARSEST_PRECISION:
+        raise ArgumentError(
+            "precision", f"is {precision}; it must be at most {_COARSEST_PRECISION}"
+        )
     nodes = whole_number("node_limit", node_limit, 0)
     if time_limit is not None:
         time_limit = real_number("time_limit", time_limit, 0.0, finite=False)
@@ -153,8 +155,9 @@ def load_bracket(
             break
         low, high = (low, end) if line.has_motion(end) else (end, high)
         end = 0.5 * (low + high)
-    spans, ends, below = list[SpanProof](), [low] if low > 0.0 else [], 0.5 * precision
-    guaranteed = 0.0
+    spans, guaranteed = list[SpanProof](), 0.0
+    ends = [low] if low > 0.0 else []  # of the spans to prove, the next one last
+    step_back = 0.5 * precision  # from a failing multiple, over it
     for _ in range(_MOST_SPANS):
         if not ends or limits.is_time_over:
             break
@@ -164,14 +167,14 @@ def load_bracket(
             spans.append(proof)
             guaranteed = ends.pop()
         elif proof is Unproven.MOVES:
-            high, ends, below = end, [], 2.0 * below
+            high, ends, step_back = end, [], 2.0 * step_back
         elif end - guaranteed > 0.5 * precision * end:
             ends.append(0.5 * (guaranteed + end))
         else:
             break
         if not ends and high - guaranteed > precision * high:
-            ends = [max(0.5 * (guaranteed + high), (1.0 - below) * high)]
-    failing, failure = _failing_multiple(line, undisturbed, high, (possible, most), limits)
+            ends = [max(0.5 * (guaranteed + high), (1.0 - step_back) * high)]
+    failing, failure = _failing_multiple(line, undisturbed, high, possible, most, limits)
     return LoadBracket(failing, failure, tuple(spans), last_rest, not limits.is_time_over)
 
 
@@ -179,11 +182,11 @@ def _failing_multiple(
     line: LoadLine,
     undisturbed: StabilityVerdict,
     high: float,
-    ends: tuple[float, float],
+    possible: float,
+    most: float,
     limits: Limits,
 ) -> tuple[float, StabilityVerdict | None]:
     """Return a failing multiple near the one that the search found, and its verdict."""
-    possible, most = ends
     if high >= most:
         return np.inf, None
     size = float(np.abs(line.scaled_direction).max())

@@ -196,7 +196,7 @@ def force_limit(problem: QuasistaticProblem, dynamics: Dynamics) -> float:
 
 
 def proven_loads(
-    dynamics: Dynamics, least: FloatArray, force_limit: float
+    dynamics: Dynamics, least: FloatArray, most: float
 ) -> tuple[tuple[LoadProof, ...], int]:
     """Return proofs of positive normal forces of all outcomes, and the number of linear programs.
 
@@ -206,10 +206,10 @@ def proven_loads(
     Args:
         dynamics: The scaled dynamics.
         least: (M,) smallest normal forces of all outcomes known before, scaled.
-        force_limit: Proofs hold for normal forces up to this, scaled.
+        most: Proofs hold for normal forces up to this, scaled.
     """
     states = States.all_free(dynamics.contact_count)
-    relaxation, proofs = Relaxation(dynamics, least, force_limit), list[LoadProof]()
+    relaxation, proofs = Relaxation(dynamics, least, most), list[LoadProof]()
     for _ in range(_ROUNDS):
         larger = relaxation.larger_loads(states)
         proofs += larger
@@ -382,10 +382,10 @@ class LoadLine:
         is_over: Callable[[int], bool],
     ) -> RestProof | Unproven:
         """Return the proof by branching that no outcome moves, or why there is none."""
-        if spread is None:
+        if spread is None:  # there is no load at all, and nothing moves
             return RestProof((), None, None, np.inf)
-        newtons = self._common_proven_forces([loads]) / spread.force_unit
-        least = np.where(spread.is_commanded, spread.commanded, newtons)
+        proven = self._common_proven_forces([loads]) / spread.force_unit
+        least = np.where(spread.is_commanded, spread.commanded, proven)
         relaxation = Relaxation(spread, least, force_limit(self.problem, spread))
         result = branch(spread, relaxation, is_over)
         if result.tree is None:
