@@ -1,5 +1,6 @@
 """``graspless-pin simulate``: exit codes, what it prints and what it writes."""
 
+import os
 import re
 import sys
 from dataclasses import replace
@@ -137,16 +138,33 @@ def test_the_model_is_written(tmp_path):
     assert printed.stdout == file.read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize(
-    ("encoder", "why"),
-    [(None, "no encoder was found"), ("/bin/false", "rendering or encoding failed")],
-)
-def test_without_an_encoder_that_works_there_is_no_video(tmp_path, monkeypatch, encoder, why):
-    monkeypatch.setattr(video, "_encoder", lambda: encoder)
+def test_without_an_encoder_there_is_no_video(tmp_path, monkeypatch):
+    monkeypatch.setattr(video, "_encoder", lambda: None)
     result = run("simulate", CUBOID, "--save", tmp_path / "cuboid.mp4", *BRIEFLY)
     assert result.exit_code == 0
     assert list(tmp_path.iterdir()) == []
-    assert f"warning: no video was written: {why}" in result.stderr
+    assert "warning: no video was written: no encoder was found" in result.stderr
+
+
+@pytest.mark.parametrize(
+    ("script", "why"),
+    [
+        ("echo No space left on device >&2; exit 1", "ffmpeg: No space left on device)"),
+        ("cat > /dev/null; exit 3", "ffmpeg: exit code 3)"),
+    ],
+)
+def test_an_encoder_that_fails_is_told_from_a_renderer(tmp_path, monkeypatch, script, why):
+    encoder, file = tmp_path / "bin" / "ffmpeg", tmp_path / "cuboid.mp4"
+    encoder.parent.mkdir()
+    encoder.write_text(f"#!/bin/sh\n{script}\n", encoding="utf-8")
+    encoder.chmod(0o700)
+    monkeypatch.setenv("PATH", str(encoder.parent), prepend=os.pathsep)
+    result = run("simulate", CUBOID, "--save", file, *BRIEFLY)
+    if "MuJoCo cannot draw here" in result.stderr:
+        pytest.skip("MuJoCo cannot draw here")
+    assert result.exit_code == 0 and not file.exists()
+    told = " ".join(result.stderr.split())
+    assert f"warning: no video was written: the encoder failed ({encoder.parent}/{why}" in told
 
 
 def test_each_frame_goes_to_the_encoder(tmp_path, monkeypatch):

@@ -29,6 +29,10 @@ _TIME_LIMIT = 300.0  # s
 _CAMERA_DISTANCE = 5.0  # radii of the object between it and the camera
 
 
+class _EncoderError(GrasplessPinError):
+    """The encoder failed; the message is its own."""
+
+
 def write_video(simulation: Simulation, path: Path) -> bool:
     """Write the run with stiff bodies as a video at half speed.
 
@@ -43,7 +47,7 @@ def write_video(simulation: Simulation, path: Path) -> bool:
         SceneError: If the file cannot be written.
 
     Warns:
-        GrasplessPinWarning: If no encoder is found, or MuJoCo cannot draw here.
+        GrasplessPinWarning: If no encoder is found, it fails, or MuJoCo cannot draw here.
     """
     encoder = _encoder()
     if encoder is None:
@@ -63,8 +67,10 @@ def write_video(simulation: Simulation, path: Path) -> bool:
             )
     except OSError as error:
         raise SceneError(f"{path}: cannot be written ({error.strerror})") from error
+    except _EncoderError as error:
+        return _no_video(f"the encoder failed ({error})")
     except Exception as error:  # of any graphics library
-        return _no_video(f"rendering or encoding failed ({error})")
+        return _no_video(f"MuJoCo cannot draw here ({error})")
     return True
 
 
@@ -115,6 +121,5 @@ def _render(xml: str, states: FloatArray, encoder: str, path: str) -> None:
                 pipe.write(renderer.render().tobytes())
         if process.returncode:
             log.seek(0)
-            raise GrasplessPinError(
-                f"{encoder}: {log.read().decode(errors='replace').strip()[-200:]}"
-            )
+            told = log.read().decode(errors="replace").strip()[-200:]
+            raise _EncoderError(f"{encoder}: {told or f'exit code {process.returncode}'}")
