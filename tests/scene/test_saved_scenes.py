@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -295,6 +296,9 @@ def test_a_file_is_not_written_over_unasked(rest: Scene, tmp_path: Path) -> None
         rest.save(tmp_path / "x.txt")
     with pytest.raises(SceneError, match="cannot be written"):
         rest.save(path / "x.yaml")
+    wrong: Any = 5
+    with pytest.raises(ArgumentError, match=r"^path: is an int; it must be a path of a scene file"):
+        rest.save(wrong)
 
 
 def test_what_no_file_can_say_is_refused(rest: Scene, tmp_path: Path) -> None:

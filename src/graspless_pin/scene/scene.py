@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from os import PathLike
 from pathlib import Path
 from textwrap import shorten
 from typing import TYPE_CHECKING, Any, Literal, Self, overload
@@ -49,7 +50,7 @@ from graspless_pin.scene.scene_stability import (
 )
 from graspless_pin.solution import TorqueSolution
 from graspless_pin.solution.tables import with_noun
-from graspless_pin.suggestions import first_of
+from graspless_pin.suggestions import first_of, what_to_pass
 
 if TYPE_CHECKING:
     from graspless_pin.algorithms.robust_solution import RobustSolution
@@ -336,8 +337,10 @@ class Scene(SceneFields):
         Raises:
             SceneError: If the file exists already or cannot be written, or the scene cannot be
                 expressed by a scene file.
-            ArgumentError: If ``overwrite`` is neither True nor False.
+            ArgumentError: If ``path`` is no path, or ``overwrite`` is neither True nor False.
         """
+        if not isinstance(path, str | PathLike):
+            raise ArgumentError("path", what_to_pass("path", path, "path of a scene file"))
         from graspless_pin.scene.saving import scene_text, write_scene_file
 
         return write_scene_file(
