@@ -20,8 +20,8 @@ cdef class KinematicChains(KeptArrays):
             parents: (n + 1,) the joint before each, all but the base behind their own.
             placements: (n + 1, 4, 4) pose of each in the frame of the one before.
             axes: (n, 6) unit direction [v; omega] of each in its own frame; half of it is zero.
-            masses: (n + 1,) mass that each joint carries, kg, and
-            centers: (n + 1, 3) its centre in the joint's frame, m.
+            masses: (n + 1,) mass that each joint carries, kg.
+            centers: (n + 1, 3) centre of that mass in the joint's frame, m.
         """
         cdef Py_ssize_t k, n = len(axes)
         self.joint_count, self.axes = n, self.reals(as_shaped(axes, n, 6))

@@ -253,6 +253,7 @@ class PairFriction:
         """Set up the pairs with the object's geoms."""
         self._state, self._model = state, state.model
         self._own = state.touching_geoms(state.in_object)
+        self._pairs = np.sort([self._model.pair_geom1, self._model.pair_geom2], axis=0).T
         self._differ: dict[str, list[float]] = {}
         self._beyond_sliding: set[str] = set()
 
@@ -285,8 +286,7 @@ class PairFriction:
     def _pair_coefficient(self, geom: int, own: int) -> float | None:
         """Return the coefficient of two geoms; None: they cannot touch."""
         model = self._model
-        pairs = np.sort([model.pair_geom1, model.pair_geom2], axis=0).T
-        pair = np.flatnonzero((pairs == sorted((geom, own))).all(axis=1))
+        pair = np.flatnonzero((self._pairs == sorted((geom, own))).all(axis=1))
         if len(pair):
             dimensions, friction = int(model.pair_dim[pair[0]]), model.pair_friction[pair[0]]
             sliding, other_friction = float(friction[:2].min()), friction[2:]

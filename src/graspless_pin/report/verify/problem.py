@@ -156,7 +156,11 @@ class Problem:
 
     @cached_property
     def goal_weight(self) -> float:
-        """Divisor of the limit for each acceleration, so that no point exceeds the limit."""
+        """Divisor of the limit for each acceleration, so that no point exceeds the limit.
+
+        Of an object three linear ones up to limit / (2 sqrt(3)) are a vector up to limit / 2, and
+        so are the angular ones times the longest lever.
+        """
         return 2.0 * np.sqrt(3.0) if self.stated_map is None else float(len(self.w))
 
     def mass(self, inertia: np.ndarray) -> float:

@@ -415,7 +415,10 @@ def _power_bound(
 
 
 def declared_motion_goals(dynamics: RestDynamics, problem: Problem, limit: float) -> np.ndarray:
-    """(2 P + 1, n) zero, and both signs of accelerations; one object's in limit / (2 sqrt(3)).
+    """(2 P + 1, n) goals p: while p.y is at most 1 for each, all points count as at rest.
+
+    The first one is zero. The others are both signs of each passive acceleration times its lever,
+    over the share of the limit that `Problem.goal_weight` leaves to it.
 
     Args:
         dynamics: The scaled dynamics.
