@@ -47,7 +47,7 @@ def test_a_coefficient_is_zero_or_more(value: float) -> None:
 
 def test_a_pair_cannot_have_two_coefficients() -> None:
     with pytest.raises(
-        ArgumentError, match=r"\['b'\]\['a'\]: is 0.4, but 0.3 for the reversed pair"
+        ArgumentError, match=r"\['b'\]\['a'\]: is 0.4, but the reversed pair has 0.3"
     ):
         Materials.from_table({"a": {"b": 0.3}, "b": {"a": 0.4}})
 

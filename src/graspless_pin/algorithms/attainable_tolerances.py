@@ -307,8 +307,8 @@ class AttainableSearch:
         self.options, self.limits = options, Limits.from_options(options)
         self.directions = feedback_torques(problem, stiffness)
         self.nominal = nominal_member(problem)
-        zero, no_friction = np.zeros(3), np.zeros(problem.contact_count)
-        self.nominal_corner = Corner(0.0, zero, weight.down, zero, zero, no_friction)
+        zero, kinetic = np.zeros(3), np.zeros(problem.contact_count)
+        self.nominal_corner = Corner(0.0, zero, weight.down, zero, zero, kinetic)
 
     def find(self, quantity: Quantity, known: float, torques: FloatArray) -> AttainableTolerance:
         """Return the attainable tolerance of a quantity.

@@ -218,8 +218,8 @@ def _audit_meshes(robot: RobotDescription, model: RobotModel) -> Iterator[Findin
             FindingCode.MESH_AXES,
             "robot",
             f"collision meshes state that an axis other than z is up: {first_of(rotated, 3)}",
-            "nothing to do if the robot looks right: this reader does not turn meshes, as most "
-            "readers of URDF",
+            "nothing to do if the robot looks right: like most readers of URDF, this one does not "
+            "turn meshes",
         )
 
 

@@ -118,7 +118,7 @@ class Controller:
 
     @property
     def is_given(self) -> bool:
-        """Whether the controller is stated: otherwise verdicts tell the stiffness needed."""
+        """Whether gains or a mode are given: otherwise verdicts tell the stiffness needed."""
         return self.stiffness is not Feedback.ANY
 
     @property

@@ -116,8 +116,7 @@ class CompoundEntry(Entry):
 
     type: Literal["compound"] = Field(description="type of the shape: compound")
     parts: Annotated[Many[PartEntry], Field(min_length=1)] = Field(
-        description="at least one part; overlapping volumes count more than once for mass and "
-        "inertia"
+        description="at least one part; where parts overlap, both count for volume and inertia"
     )
 
 
@@ -293,8 +292,8 @@ class HandEntry(MountEntry):
     )
     effort_limits: ByName[NotNegative | tuple[Signed, Signed]] = Field(
         default={},
-        description="[N m, N] limits by joint, finger or tendon; a number x means -x to x, for a "
-        "tendon 0 to x, as it only pulls",
+        description="[N m, N] limits by joint, finger or tendon; a number x means -x to x, or 0 to "
+        "x for a tendon that only pulls",
     )
     armature: NotNegative | ByName[NotNegative] | None = Field(
         default=None,

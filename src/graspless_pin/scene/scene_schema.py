@@ -202,7 +202,7 @@ class SolveEntry(Entry):
     )
     search: Literal["auto", "enumerate"] = Field(
         default="auto",
-        description="enumerate: solve every mode instead of a branch-and-bound search",
+        description="enumerate: solve all maximal modes instead of branch and bound",
     )
     node_limit: NodeLimit | None = Field(
         default=None, description="node limit of the search; default: no limit"
@@ -232,8 +232,8 @@ class ControllerEntry(Entry):
     stiffness: FeedbackName | NotNegative | ByName[NotNegative] = Field(
         default="any",
         description="[N m/rad] stiffness of all joints, or by joint (N/m if prismatic), finger or "
-        "'default'; the latter two are divided by (0.1 m)^2 for prismatic joints; "
-        "torque: constant torques; position: joints keep their positions; any: "
+        "'default'; unless given by joint, it is divided by (0.1 m)^2 for prismatic "
+        "joints; torque: constant torques; position: joints keep their positions; any: "
         "verdicts tell the smallest stiffness that is needed",
     )
     damping: NotNegative | ByName[NotNegative] = Field(

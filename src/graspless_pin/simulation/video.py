@@ -111,7 +111,9 @@ def _render(xml: str, states: FloatArray, encoder: str, path: str) -> None:
     with mujoco.Renderer(model, rows, columns) as renderer, TemporaryFile() as log:
         with (
             suppress(BrokenPipeError),  # an encoder that ended: its exit code and its log say why
-            subprocess.Popen(command, stdin=subprocess.PIPE, stdout=log, stderr=log) as process,  # noqa: S603
+            subprocess.Popen(  # noqa: S603 - the encoder that was found
+                command, stdin=subprocess.PIPE, stdout=log, stderr=log
+            ) as process,
         ):
             pipe: Any = process.stdin
             for state in states:
@@ -121,5 +123,5 @@ def _render(xml: str, states: FloatArray, encoder: str, path: str) -> None:
                 pipe.write(renderer.render().tobytes())
         if process.returncode:
             log.seek(0)
-            told = log.read().decode(errors="replace").strip()[-200:]
-            raise _EncoderError(f"{encoder}: {told or f'exit code {process.returncode}'}")
+            message = log.read().decode(errors="replace").strip()[-200:]
+            raise _EncoderError(f"{encoder}: {message or f'exit code {process.returncode}'}")

@@ -374,7 +374,9 @@ class Materials(Record):
                 pair, figure = frozenset((first, second)), real_number(key, value, 0.0)
                 if coefficients.setdefault(pair, figure) != figure:
                     raise ArgumentError(
-                        key, f"is {value:g}, but {coefficients[pair]:g} for the reversed pair"
+                        key,
+                        f"is {value:g}, but the reversed pair has {coefficients[pair]:g}; "
+                        "give the same figure for both",
                     )
         return cls(coefficients)
 

@@ -105,7 +105,7 @@ class CouplingEntry(Entry):
     multiplier: Finite = Field(default=1.0, description="[1] multiplier of the one leading joint")
     offset: Finite = Field(
         default=0.0,
-        description="[rad, m] added to the position of the leading joints times the multipliers",
+        description="[rad, m] added to the sum of leading positions times multipliers",
     )
 
     @model_validator(mode="after")
@@ -137,7 +137,7 @@ class GainsEntry(Entry):
 
     stiffness: NotNegative | ByName[NotNegative] = Field(
         description="[N m/rad] of all joints, or by joint (N/m if prismatic), finger or "
-        "'default'; the latter two are divided by (0.1 m)^2 for prismatic joints"
+        "'default'; unless given by joint, it is divided by (0.1 m)^2 for prismatic joints"
     )
     damping: NotNegative | ByName[NotNegative] | None = Field(
         default=None,
