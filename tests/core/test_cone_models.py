@@ -344,6 +344,7 @@ def test_tolerances_name_the_cone_and_point_to_no_verdict():
     problem = scene(1, "uneven")
     torques = maximize_margin(problem, static_friction="coulomb").torques
     found = tolerances(problem, torques, quantities=["push"], static_friction="coulomb")
+    assert found.law == "the cone 'uneven'"
     assert str(found).rstrip().endswith("are the best that the cone 'uneven' allows")
 
 

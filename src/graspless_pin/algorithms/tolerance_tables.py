@@ -130,12 +130,17 @@ class Tolerances(Brief):
         kept = [place for place, name in enumerate(headers) if name not in omitted]
         kept_rows = [[row[place] for place in kept] for row in rows]
         table = tabulate(kept_rows, headers=[headers[place] for place in kept])
-        model = self.problem.cone_model
-        law = "Coulomb friction" if model.is_coulomb else f"the cone '{model.name}'"
-        law = law if self.coulomb else "friction that opposes virtual sliding"
-        forces = f"contact forces are the best that {law} allows"
-        forces += "; robustness considers all" if model.is_coulomb else ""
+        forces = f"contact forces are the best that {self.law} allows"
+        forces += "; robustness considers all" if self.problem.cone_model.is_coulomb else ""
         return f"{table}\n{forces}\n{self.remark}".rstrip()
+
+    @property
+    def law(self) -> str:
+        """What restricts friction, in words."""
+        if not self.coulomb:
+            return "friction that opposes virtual sliding"
+        model = self.problem.cone_model
+        return "Coulomb friction" if model.is_coulomb else f"the cone '{model.name}'"
 
     @property
     def remark(self) -> str:
